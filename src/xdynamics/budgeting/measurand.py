@@ -187,7 +187,7 @@ class Target:
         """Return the error of an extreme at an event from the location of the event; 0 where the quantity is level."""
         if top.rule != LOCATED or self.extreme is None:
             return 0.0
-        if model.python_functions and self.extreme[0] not in model.units:
+        if (model.python_functions or model.delays) and self.extreme[0] not in model.units:
             return 0.0
         name, time = self.extreme[0], run["time"].values
         row = int(np.flatnonzero((time == top.time) & (run[name].values == top.value))[0])

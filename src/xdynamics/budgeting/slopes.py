@@ -19,6 +19,7 @@ from xdynamics.dynamics.variational import (
     NotVariedError,
     Variations,
     gauss,
+    refuse_delays,
     touches,
 )
 from xdynamics.faults import InputError
@@ -99,6 +100,7 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
         raise NotVariedError("impacts of many links have no map of states")
     if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
         raise NotVariedError(f"{BY_IMPULSES} has no events")
+    refuse_delays(model)
     if model.python_functions:
         raise NotVariedError("a force or event is written in Python")
     if model.constraints and (model.contacts or any(event.reset for event in model.events.values())):

@@ -46,7 +46,7 @@ def _turned(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float
 def _is_reversible(run: xr.Dataset, model: Model) -> bool:
     """Return whether a run of equal steps is undone by the same steps with the velocities reversed."""
     forbidden = (model.states, model.events, model.contacts, model.assemblies, model.frictions, model.regimes)
-    if any(forbidden) or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
+    if any(forbidden) or model.delays or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
         return False
     terms = [tree for components in model.force_components.values() for tree in components.values()]
     trees = [*terms, *model.statement.mass_entries.values()]

@@ -9,6 +9,7 @@ from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.bodies_page import bodies_page
 from xdynamics.documenting.constraints_page import constraints_page
+from xdynamics.documenting.delays_page import delays_page
 from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.folding import folded
 from xdynamics.documenting.joints_page import joints_page
@@ -84,6 +85,7 @@ PAGES_ABOUT = {  # pages that are of no section of a model file
     "record": "Every dimension and variable of a run.",
     "runs": "Runs and their files: writing, editing, going on after a kill, signing, exit codes.",
     "marching": "Steps, events, switches, contacts: how a march finds them, and its limits.",
+    "delays": "Values of the motion as they were some time ago: delayed(x, tau).",
     "precision": "Numbers of 31 digits: what is stored, what they cost, the rounding of a run.",
     "evidence": "What a number is worth: refinement, budgets, comparison, validation, certificates.",
     "grids": "Many runs: sweeps over parameters, starts, methods; bifurcation diagrams.",
@@ -284,6 +286,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "bodies": lambda: bodies_page(_section("bodies")),
         "constraints": lambda: constraints_page(_section("constraints")),
         "joints": lambda: joints_page(_section("joints")),
+        "delays": lambda: delays_page(_section("history")),
     }
 
 
@@ -332,6 +335,7 @@ def _language() -> Iterator[str]:
     yield from folded(
         f"  {calendar} are 365.25 days and a twelfth of that, unless the model has something of that name", 2
     )
+    yield "delayed(x, '20 ms') is a value as it was some time ago: `xdynamics help delays`."
     yield "Along dimensions and relations there are more: `xdynamics help shapes`."
     yield "Every term has to have the unit of its place; angles are pure numbers, and radian is 1."
     yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"

@@ -17,11 +17,12 @@ from xdynamics.dynamics.variational import (
     NotVariedError,
     Variations,
     refuse_constraints,
+    refuse_delays,
     refuse_ticks,
     touches,
 )
 from xdynamics.expressions.evaluation import evaluate_many
-from xdynamics.kernels import Layout, machine, model_programs
+from xdynamics.kernels import Layout, law_names, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
 from xdynamics.kernels.llvm_text import llvm_of
@@ -103,6 +104,7 @@ class RunPath:
             raise NotVariedError("a state is no number")
         refuse_ticks(model)
         refuse_constraints(model)
+        refuse_delays(model)
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
         if model.assemblies:
@@ -307,7 +309,7 @@ class RunPath:
 def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
     """Compile a program and return its address; without compilation, its key in `UNCOMPILED`."""
     model = layout.model
-    functions = {f"_{model_programs.PYTHON}{name}": function for name, function in model.functions.items()}
+    functions = {f"_{law_names.PYTHON}{name}": function for name, function in model.functions.items()}
     if not PLAINLY:
         text = llvm_of([program], 1, [(function.name, len(function.arguments)) for function in model.python_functions])
         code = machine.compiled(text, [program.name], functions)

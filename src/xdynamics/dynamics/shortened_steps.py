@@ -17,8 +17,9 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
-from xdynamics.march.dense_output import states_within
+from xdynamics.march.dense_output import past_of, states_within
 from xdynamics.march.initial_run import rest_of_time
+from xdynamics.march.past_arrays import Past
 from xdynamics.methods import METHODS, method_of
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, REINTEGRATE
 from xdynamics.methods.steppers import EXACT
@@ -226,8 +227,32 @@ class Inside:
         _check_whole(where, columns[0], slack(self.run), unit, every)
         reintegrated = self.rule == REINTEGRATE
         return states_within(
-            self.model, self.settings, self.law, where, columns, self._factors, reintegrated=reintegrated
+            self.model,
+            self.settings,
+            self.law,
+            where,
+            columns,
+            self._factors,
+            reintegrated=reintegrated,
+            past=self._past if self.model.delays else None,
         )
+
+    @cached_property
+    def _past(self) -> Past:
+        """The steps of the whole run, for delayed values."""
+        names = ("time", "step_size", "regime", "row_kind", *map(state_name, reactions(self.model)), *self.layout.used)
+        columns = np.stack([np.asarray(self.run[name], float) for name in names])
+        time, every = columns[0], rows_apart(self.run.attrs)
+        unit = unit_suffix(str(self.run.variables["time"].attrs["units"]))
+        start = self.model.initial["t"].si
+        if every > 1 or time[0] != start:
+            what = RARE.format(every) if every > 1 else f"those from t = {float(time[0])!r}{unit} on"
+            raise InputError(
+                f"delayed values are of every row from the start at t = {start!r}{unit} on, and this record has {what}; sample"
+                " the whole record"
+            )
+        _check_whole(np.stack([time[1:], time[:-1], time[1:]]), columns[1, 1:], slack(self.run), unit, every)
+        return past_of(self.model, self.settings, self.law, columns, self._factors)
 
     def defects(self, rows: NDArray[np.int64], parts: int) -> dict[str, Floats]:
         """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units."""

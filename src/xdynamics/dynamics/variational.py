@@ -57,6 +57,17 @@ def refuse_ticks(model: Model) -> None:
         raise NotVariedError(f"controller '{next(iter(model.controllers))}' changes what it holds at its ticks")
 
 
+def refuse_delays(model: Model) -> None:
+    """Refuse a model with delayed values: a change of it is a function, and no vector of as many numbers as its state has.
+
+    Raises
+    ------
+    NotVariedError
+    """
+    if model.delays:
+        raise NotVariedError("its forces read delayed values")
+
+
 def refuse_constraints(model: Model) -> None:
     """Refuse a model that is kept by constraints, of which variational equations know nothing.
 

@@ -105,10 +105,10 @@ def tree_of(model: Model, name: str) -> Node:
 
 @lru_cache(maxsize=512)
 def rate_tree(model: Model, name: str) -> Node | None:
-    """Return the time derivative of a recorded variable along the motion; None if contacts or Python affect it."""
+    """Return the time derivative of a recorded variable along the motion; None if contacts, Python or delays affect it."""
     if name in model.coordinates:
         return model.rates[name]
-    if reactions(model) or model.python_functions:
+    if reactions(model) or model.python_functions or model.delays:
         return None
     if name in model.units:
         return model.rates[name]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from xdynamics.expressions.tree import (
+    DELAYED,
     Along,
     Binary,
     Call,
@@ -19,7 +20,7 @@ from xdynamics.expressions.tree import (
     shown,
 )
 from xdynamics.faults import InputError
-from xdynamics.units import NONE, Dimension, coherent, constant_of, parse_unit
+from xdynamics.units import NONE, TIME, Dimension, coherent, constant_of, parse_unit
 
 _KEEPS = ("abs", "min", "max", "hypot", "mod")  # of the same dimension as their arguments
 
@@ -86,6 +87,13 @@ def _joined(node: Binary, left: Dimension | None, names: Mapping[str, Dimension]
 
 def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
     label = f"'{node.function}'"
+    if node.function == DELAYED:
+        what, by = node.arguments
+        if (delay := _dimension(by, names)) != names.get("t", TIME):
+            raise InputError(
+                f"the delay '{shown(by)}' is in '{delay}', needs '{names.get('t', TIME)}' (column {by.column})"
+            )
+        return _dimension(what, names)
     if node.function == "where":
         _dimension(node.arguments[0], names)
         return _agreed(node.arguments[1:], names, label)

@@ -14,7 +14,7 @@ import numpy as np
 from xdynamics.elementary import FUNCTIONS, NAME
 from xdynamics.elementary.arrays import applied
 from xdynamics.elementary.numbers import ceiling, floor, greatest, least, modulo, nearest, positive, sign
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
+from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of, shown
 from xdynamics.faults import InputError
 
 
@@ -99,6 +99,8 @@ def _walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
             return by.where(_walked(condition, values, by), *ways)
         case Call(function="min" | "max"):
             return reduce(by.choices[node.function], (_walked(part, values, by) for part in node.arguments))
+        case Call(function="delayed"):
+            raise InputError(f"'{shown(node)}' is known along a march alone; record it as an observable, and read that")
         case Call():
             return by.functions[node.function](*(_walked(part, values, by) for part in node.arguments))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from xdynamics.expressions.tree import (
+    DELAYED,
     Along,
     Binary,
     Call,
@@ -115,6 +116,10 @@ def _call(node: Call) -> str:
         return rf"\sqrt{{{arguments[0]}}}"
     if node.function in ("floor", "ceil"):
         return rf"\left\l{node.function}{{}}{arguments[0]}\right\r{node.function}"
+    if node.function == DELAYED:
+        what, _ = arguments
+        before = rf"\left(t - {_wrapped(node.arguments[1])}\right)"
+        return what + before if isinstance(node.arguments[0], Name) else rf"\left[{what}\right]{before}"
     name = rf"\{node.function}" if node.function in _PLAIN else rf"\mathrm{{{node.function}}}"
     return rf"{name}\left({', '.join(arguments)}\right)"
 

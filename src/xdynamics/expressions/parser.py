@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 
-from xdynamics.expressions.corrections import correction
+from xdynamics.expressions.corrections import correction, with_unit_names
 from xdynamics.expressions.tree import (
     ALONG,
+    DELAYED,
     FUNCTIONS,
     Along,
     Binary,
@@ -22,9 +23,11 @@ from xdynamics.expressions.tree import (
     Negative,
     Node,
     Number,
+    every,
     exponent_of,
 )
 from xdynamics.faults import InputError
+from xdynamics.units import parse_quantity
 from xdynamics.units.rounded import read
 
 LONGEST_TEXT = 1_000_000
@@ -35,8 +38,10 @@ LARGEST_EXPONENT = 16
 _ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,<>=!\[\] ]*")
 _TOKEN = re.compile(
     r" *(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![A-Za-z0-9_.])"
-    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>\[\]]))"
+    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<quoted>\"[^\"']*\"|'[^\"']*')|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>\[\]]))"
 )
+_QUOTED = re.compile(r"(?<=,)( *)(?:\"[A-Za-z0-9_+\-*/(). ]{1,100}\"|'[A-Za-z0-9_+\-*/(). ]{1,100}')(?= *\))")
+_FORM = f'{DELAYED}(x, "20 ms")'
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2}
 FORMS = {name: f"{name}(a, dimension)" for name in ("sum", "mean", "min", "max", "norm")} | {
     "dot": "dot(a, b, dimension)",
@@ -113,7 +118,7 @@ def _check_raw(source: str) -> None:
         raise InputError("expression is empty")
     if len(source) > LONGEST_TEXT:
         raise InputError(f"expression {_shown(source)} has {len(source)} characters, {LONGEST_TEXT} at most")
-    good = _ALLOWED.match(source)
+    good = _ALLOWED.match(_QUOTED.sub(lambda match: " " * len(match[0]), source))
     end = good.end() if good else 0
     if end < len(source):
         remedy = _REMEDIES.get(source[end], "")
@@ -235,6 +240,8 @@ class _Reader:
         if self.next.text != "(":
             return Name(token.text, token.column)
         self._enter(self._take().column)
+        if token.text == DELAYED:
+            return self._delayed(token)
         arguments: list[Node] = []
         while self.next.text != ")":
             arguments.append(self._compared())
@@ -243,6 +250,31 @@ class _Reader:
             self._take()
         self._close(")")
         return self._called(token, arguments)
+
+    def _delayed(self, token: _Token) -> Node:
+        """Read what is delayed and by how much, an expression or a quantity in quotes, after the parenthesis."""
+        if self.next.text == ")":
+            raise self._fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has 0 arguments")
+        what = self._expression(self._compared())
+        if self.next.text != ",":
+            raise self._fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has no delay")
+        self._take()
+        by = self._quantity(self._take()) if self.next.kind == "quoted" else self._expression(self._compared())
+        if self.next.text == ",":
+            raise self._fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has over 2 arguments")
+        self._close(")")
+        if any(isinstance(node, Call) and node.function == DELAYED for part in (what, by) for node in every(part)):
+            raise self._fault(token.column, f"'{DELAYED}' stands in '{DELAYED}'; write one delay, the sum of both")
+        return Call(DELAYED, (what, by), token.column)
+
+    def _quantity(self, token: _Token) -> Node:
+        """Return a quantity in quotes as an expression."""
+        text = token.text[1:-1]
+        try:
+            parse_quantity(text)
+            return _read(with_unit_names(text.strip()))
+        except InputError as error:
+            raise self._fault(token.column, f"the delay {token.text} is no quantity: {error}") from None
 
     def _entries(self) -> tuple[str | int, ...]:
         """Read the labels and whole numbers in brackets."""

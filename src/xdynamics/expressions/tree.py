@@ -41,6 +41,7 @@ FUNCTIONS = {
     "round": 1,
     "mod": 2,
 }
+DELAYED = "delayed"  # the call of a value before now: what, and how long before
 CALLED_ALONE = ("floor", "ceil", "round", "mod")  # functions before a parenthesis only: as names they stay free
 
 

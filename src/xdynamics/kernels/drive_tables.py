@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import piecewise
+from xdynamics.elementary.past_pieces import PAST, width_of
 from xdynamics.elementary.piecewise import POLYNOMIALS, Read
 from xdynamics.kernels.compiling import compiled
 
@@ -71,9 +72,20 @@ def _evaluated(polynomial: Callable[[Read, float, int], Any]) -> Callable[..., A
     return lambda tables, places, x, piece, drive: polynomial(_of(tables, places, drive)[0], x, piece)
 
 
+def _found_before(value: Callable[..., Any]) -> Callable[..., Any]:
+    """Return how plain Python reads the past: the pieces that a delay is set to, as many as there are."""
+
+    def found(tables: Floats, places: Whole, x: float, slot: int, component: int, components: int, degree: int) -> Any:
+        first, count, width = int(places[3 * slot]), int(places[3 * slot + 1]), width_of(components, degree)
+        return value(lambda row, piece: tables[first + width * piece + row], count, x, component, components, degree)
+
+    return found
+
+
 # what printed Python calls
 PYTHON_TABLES = {
     "_find_piece": _found,
     "_piece_of": lambda _tables, places, drive: int(places[3 * drive + 2]),
     **{f"_{name}": _evaluated(polynomial) for name, polynomial in POLYNOMIALS.items()},
+    **{f"_{name}": _found_before(value) for name, value in PAST.items()},
 }

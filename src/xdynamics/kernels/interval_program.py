@@ -20,6 +20,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, Place
 from xdynamics.kernels.step_polynomial import curve_degree
+from xdynamics.model.delays import is_before, slope_before
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import REGIME_NUMBER, constant_names, slope
@@ -223,6 +224,9 @@ class _IntervalPrinter:
                 names = owner, *(derivative(owner) for derivative in derivatives)
                 places = tuple(map(record.place, names))
                 found |= {name: (first + k, *places) for k, name in enumerate(names)}
+        for name in self._layout.model.rates if self._layout.model.delays else ():
+            if is_before(name):
+                found |= dict.fromkeys((name, slope_before(name)), (UNKNOWN,))
         return found | dict.fromkeys(python_values(self._layout.model), (UNKNOWN,))
 
     def _found(self, lines: Assignments, name: str) -> Operand:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
-from xdynamics.kernels import law_cache, machine, model_programs, step_programs
+from xdynamics.kernels import law_cache, law_names, machine, model_programs, step_programs
 from xdynamics.kernels.coalescing import coalesced
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
 from xdynamics.kernels.constraint_programs import constraining
@@ -29,7 +29,7 @@ from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import AT, Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.step_parts import Steps
-from xdynamics.kernels.step_polynomial import curve_degree, curve_size
+from xdynamics.kernels.step_polynomial import curve_size
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model.motion import constant_names
 from xdynamics.runtime.cached_properties import cached_property
@@ -88,7 +88,7 @@ class Law:
         )
         curves = (
             ()
-            if not curve_degree(layout)
+            if not curve_size(layout)
             else (step_programs.polynomial(layout, self.steps.memory - curve_size(layout)),)
         )
         programs = (*own, step_programs.inside(layout, self.scheme), *self.steps.programs, *self.constraining[-1:])
@@ -209,7 +209,7 @@ class Law:
     @cached_property
     def plain(self) -> NDArray[np.int64]:
         """Keys of the programs in `UNCOMPILED`, as Python functions."""
-        functions = {f"_{model_programs.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
+        functions = {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
         scope: dict[str, Any] = (
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
@@ -238,7 +238,7 @@ class Law:
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""
-        functions = {f"_{model_programs.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
+        functions = {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
         names = [entry.name for entry in self.entries if entry not in without]
         return machine.compiled(self.text(lanes, without), names, functions)
 

@@ -11,6 +11,7 @@ from functools import partial
 
 from xdynamics.elementary import FUNCTIONS, PAIRS
 from xdynamics.elementary.llvm_numbers import LaneValue
+from xdynamics.elementary.past_pieces import PAST, width_of
 from xdynamics.elementary.piecewise import POLYNOMIALS, find_piece
 from xdynamics.elementary.text import struct_of
 from xdynamics.kernels.heap_arrays import MOST_ON_STACK, refusal
@@ -137,6 +138,8 @@ class ProgramText(RowText):
             return self._of(line.kind)(name, *map(self._operand, arguments))
         if name in LOOKED_UP:
             return self._looked_up(name, arguments)
+        if name in PAST:
+            return self._looked_back(name, arguments)
         numbers = [self._number(argument) for argument in arguments]
         if name in PAIRS and (PAIRS[name][0], arguments) in self._joint:
             return self._one_of(*PAIRS[name], numbers[0].text)
@@ -166,6 +169,20 @@ class ProgramText(RowText):
         found = find_piece(read, lines.broadcast("w", count), *given)
         assert isinstance(found, LaneValue)  # noqa: S101 - of written numbers
         return found
+
+    def _looked_back(self, name: str, arguments: tuple[Operand, ...]) -> LaneValue:
+        """Evaluate a step of the past, of those that a delay is set to."""
+        lines, (time, *numbers) = self._lines, arguments
+        slot, component, components, degree = map(int, numbers)
+        places = [self._places.pointer(Place("pieces", 3 * slot + k)) for k in range(2)]
+        first, count = (lines.line("w", f"load i64, ptr {place}, align 8") for place in places)
+        origin = lines.line("p", f"getelementptr double, ptr %_tables, i64 {first.text}").text
+        width = width_of(components, degree)
+
+        def read(row: int, piece: LaneValue) -> LaneValue:
+            return lines.read("n", origin, piece * width + row)
+
+        return PAST[name](read, count, self._number(time), component, components, degree)
 
     def _one_of(self, pair: str, place: int, argument: str) -> LaneValue:
         """Compute functions of one argument together, and return one of them."""

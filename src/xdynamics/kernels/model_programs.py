@@ -11,6 +11,7 @@ from typing import Any
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Expansion, Motion, UnexpandedError, expansion
+from xdynamics.kernels.law_names import LawNames, called
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests
@@ -31,9 +32,8 @@ from xdynamics.kernels.program import (
 from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import argument_motion, followed, function_rate, python_values
-from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constant_names, decides, motion, slope
+from xdynamics.model.motion import constant_names, decides, motion
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 from xdynamics.model.whole import (
@@ -46,8 +46,6 @@ from xdynamics.model.whole import (
 )
 from xdynamics.shapes import at
 from xdynamics.shapes.blocks import Blocks
-
-PYTHON = "python_"  # prefix of the names of functions passed in
 
 
 def forces(layout: Layout) -> Program:
@@ -78,7 +76,7 @@ def _in_loops(layout: Layout) -> Nests | None:
     """Write the motion of a model with dimensions in loops; None of one whose elements are written out."""
     if not has_loops(layout.model):
         return None
-    names, record, shapes = _Names(layout, layout.used), layout.record, shapes_of(layout.model)
+    names, record, shapes = LawNames(layout, layout.used), layout.record, shapes_of(layout.model)
     written = {name: Place("z", record.place(shapes.first(name))) for name in layout.model.shaped.drives}
     results = []
     for name, dims, tree in motion_of_wholes(layout.model):
@@ -96,7 +94,7 @@ def _in_loops(layout: Layout) -> Nests | None:
 
 def _of_states(layout: Layout) -> Nests:
     """Return what writes expressions of everything in a state of the march."""
-    names = _Names(layout, layout.record)
+    names = LawNames(layout, layout.record)
     return Nests(shapes_of(layout.model) if has_loops(layout.model) else layout.model.shapes, names, names.first)
 
 
@@ -143,7 +141,7 @@ def changes(layout: Layout, first: int) -> Program:
     """
     about = "Derivatives along a direction of what `forces` gives."
     record, quantities = layout.record, changes_of_wholes(layout.model)
-    shapes, names = shapes_of_changes(layout.model), _Names(layout, record)
+    shapes, names = shapes_of_changes(layout.model), LawNames(layout, record)
 
     def place(name: str) -> Place | None:
         if not name.startswith(change("")):
@@ -296,7 +294,7 @@ def _returning(
     inner: Mapping[str, Any] | None = None,
     known: Blocks | None = None,
 ) -> Program:
-    lines = Assignments(_Names(layout, layout.record if known is None else known, inner or {}))
+    lines = Assignments(LawNames(layout, layout.record if known is None else known, inner or {}))
     count = 0
     for count, tree in enumerate(trees, start=1):
         lines.store(Place("z", count - 1), lines.value(tree))
@@ -316,74 +314,12 @@ def assigned(
 
     They read the state from one of the arrays, the time from one of the numbers of `at`, and what is given by name.
     """
-    lines = Assignments(_Names(layout, layout.used, None, state, time), prefix)
+    lines = Assignments(LawNames(layout, layout.used, None, state, time), prefix)
     for name, value in (given or {}).items():
         lines.name(name, value)
     for assignment in assignments:
         if isinstance(assignment.value, Function):
-            lines.name(assignment.name, _called(lines, assignment.value))
+            lines.name(assignment.name, called(lines, assignment.value))
         else:
             lines.assign(assignment.name, assignment.value)
     return lines
-
-
-def _called(lines: Assignments, function: Function) -> Operand:
-    """Call a function that was passed in."""
-    return lines.compute(PYTHON + function.name, *(lines.named(argument) for argument in function.arguments))
-
-
-class _Names:
-    """Finds what the expressions of a law name: in `at`, in the state, among the constants, in a table.
-
-    Any other name is computed where it first occurs, from the assignments `inner`.
-    """
-
-    def __init__(
-        self,
-        layout: Layout,
-        known: Blocks,
-        inner: Mapping[str, Any] | None = None,
-        state: str = "y",
-        time: str = "t",
-    ) -> None:
-        self._state, self._time = state, time
-        self._layout = layout
-        self._known = known
-        self._inner = inner or {}
-        self._kept = {switch.drive for switch in watched_by(layout.model)}
-        self._drives = {name: i for i, name in enumerate(layout.drives)}
-        self._constants = {name: i for i, name in enumerate(constant_names(layout.model))}
-
-    def place(self, name: str) -> Place | None:
-        """Return where a number is, or the first of a quantity with dimensions."""
-        if name in ("t", REGIME_NUMBER):
-            return Place("at", AT.index(self._time if name == "t" else "regime"))
-        if name not in self._drives and (found := self._known.find(name)) is not None:
-            return Place(self._state, found)
-        return Place("p", self._constants[name]) if name in self._constants else None
-
-    def first(self, name: str) -> Place:
-        """Return where the numbers of a quantity with dimensions begin."""
-        place = self.place(shapes_of(self._layout.model).first(name))
-        assert place is not None  # noqa: S101 - what expressions name was checked
-        return place
-
-    def __call__(self, lines: Assignments, name: str) -> Operand:
-        if (place := self.place(name)) is not None:
-            return lines.load(place, name)
-        if name in self._inner:
-            inner = self._inner[name]
-            return _called(lines, inner) if isinstance(inner, Function) else lines.value(inner)
-        drive = name.removeprefix(slope(""))
-        number, argument = self._drives[drive], self._layout.model.looked_up_at[drive]
-        at = lines.value(argument)
-        operation = "value_at" if drive == name else "slope_at"
-        # where the march lands on ends of pieces, one piece holds throughout a step: a jump falls between steps
-        if argument == CLOCK or (drive in self._kept and self._layout.model.drives[drive].outside != "error"):
-            return lines.compute(operation, at, lines.compute("piece_of", number), number)
-        looked_up = lines.compute(operation, at, lines.compute("find_piece", at, number), number)
-        if drive not in self._kept:
-            return looked_up
-        # outside the table there is no piece: the lookup is nan, and stays nan times 0
-        value = lines.compute(operation, at, lines.compute("piece_of", number), number)
-        return lines.compute("add", value, lines.compute("multiply", 0.0, looked_up))

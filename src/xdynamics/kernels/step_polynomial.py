@@ -1,4 +1,4 @@
-"""The polynomial that a step leaves for the search for events: its degree, and room for its coefficients."""
+"""The polynomial that a step leaves, for the search for events or for delayed values: its degree, and room for it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ def curve_degree(layout: Layout) -> int:
     return scheme.interpolant.degree
 
 
+def past_degree(layout: Layout) -> int:
+    """Return the degree of the polynomial that is kept of every accepted step for delayed values; 0 without any."""
+    return layout.scheme.interpolant.degree if layout.scheme is not None and layout.model.delays else 0
+
+
 def curve_size(layout: Layout) -> int:
-    """Return how many coefficients that polynomial has, of all components."""
-    degree = curve_degree(layout)
+    """Return how many coefficients the polynomial of a step has, of all components."""
+    degree = max(curve_degree(layout), past_degree(layout))
     return (degree + 1) * layout.used.size if degree else 0

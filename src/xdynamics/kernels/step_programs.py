@@ -61,12 +61,17 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
 def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
     """Write the coefficients in s of a step's polynomial, power by power, to `w` from `curve` on.
 
-    It takes the states at the step's ends in `y` and `z`, and those of its stages in `w` from `stages` on.
+    It takes the states at the step's ends in `y` and `z`, and those of its stages in `w` from `stages` on; where these do
+    not suffice the step is made again, and its end is written to `z`.
     """
     write, scheme = LineWriter(layout, sampled=False, working=False), layout.scheme
     assert scheme is not None  # noqa: S101 - a layout of steps has one
-    write.ends_given()
-    write.stages_given(stages)
+    if scheme.interpolant.given:
+        write.ends_given()
+        write.stages_given(stages)
+    else:
+        write.walk(scheme.method.lines(layout.model))
+        write.end()
     write.walk(scheme.interpolant.polynomials)
     for power in range(scheme.interpolant.degree + 1):
         write.out("w", [f"{letter}s{power}" for letter in "qvx"], layout.used, curve + power * layout.used.size)

@@ -9,11 +9,13 @@ import numpy as np
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.march.control import accepts, error_norm
 from xdynamics.march.outcomes import COMPLETED, EVENT_AT_ZERO, SOUND
+from xdynamics.march.past import pass_breaks
 from xdynamics.march.run import BEGUN, MOVED, Run
 from xdynamics.march.tolerance_sizes import settle_tolerances
 from xdynamics.schema import REASON_DOMAIN, REASON_ERROR, REASON_EVENT_FUNCTION, REASON_NEWTON, REASON_NONFINITE
 
-AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: the border of the model's domain
+# the fourth: the border of the model's domain; then a breaking point of delayed values, perhaps at a grid time
+AT_GRID, AT_NODE, AT_BOTH, AT_BORDER, AT_BREAK, AT_BREAK_AND_GRID = range(1, 7)
 
 
 @compiled
@@ -46,7 +48,11 @@ def nonfinite(run: Run) -> int:
 def land(run: Run) -> None:
     """Count the grid time or node that the trial ends at; after the last one the run is complete."""
     now, trial = run.now[0], run.trial[0]
-    if trial.landing in (AT_GRID, AT_BOTH):
+    on_grid = trial.landing in (AT_GRID, AT_BOTH, AT_BREAK_AND_GRID)
+    if run.delays.shape[0] > 0:
+        at_node = trial.landing in (AT_NODE, AT_BOTH) and now.node < run.nodes.shape[0]
+        pass_breaks(run, trial.t, run.jumps[now.node] if at_node else np.int64(-1))
+    if on_grid:
         now.grid += 1
     if trial.landing in (AT_NODE, AT_BOTH):
         now.node += 1
@@ -55,7 +61,7 @@ def land(run: Run) -> None:
             for i in range(run.detectors.shape[0]):
                 if run.watches[i].ever == 0:
                     now.status = EVENT_AT_ZERO
-    now.on_grid = trial.landing in (AT_GRID, AT_BOTH)
+    now.on_grid = on_grid
 
 
 @compiled

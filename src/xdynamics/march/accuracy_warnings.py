@@ -241,7 +241,7 @@ def advice_on_stiffness(march: March) -> str:
     method, model, rows = march.settings.method, march.model, march.witnesses.rows[1:]
     if not march.settings.adaptive or method.solves or model.python_forces or march.now.rows < FEW_ROWS:
         return ""
-    if beyond_trees(model):
+    if beyond_trees(model) or model.delays:
         return ""
     time = march.settings.scales.of(TIME)
 

@@ -16,6 +16,7 @@ from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble import Runs
 from xdynamics.march.initial_run import posed, rest_of_time
 from xdynamics.march.log import allocate
+from xdynamics.march.past_arrays import Past, lend_past
 from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import table_of
 from xdynamics.model import Model
@@ -37,6 +38,7 @@ def states_within(
     judged: bool = True,
     parameters: Floats | None = None,
     runs: NDArray[np.int64] | None = None,
+    past: Past | None = None,
 ) -> Floats:
     """Evaluate states inside steps, and the distance of each from a more accurate one.
 
@@ -61,6 +63,8 @@ def states_within(
         Of many runs, in internal units.
     runs : ndarray of int, shape (k,), optional
         The run that each time belongs to.
+    past : Past, optional
+        Of a run with delayed values: its steps, as `past_of` makes them.
 
     Returns
     -------
@@ -87,11 +91,35 @@ def states_within(
     # a run of its own: this is called in several threads
     addresses = law.addresses if reintegrated else law.addresses_inside
     run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
+    if past is not None:
+        past.lend(run)
     inputs = [np.ascontiguousarray(array[:, moving]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
     engine().states_inside(run, run_parameters, *inputs, inner, reintegrated, judged)
     results[:, moving] = _recorded(model, law.layout, inner) if doubled else inner * np.vstack([factors, factors])
     return results
+
+
+def past_of(model: Model, settings: Settings, law: Law, columns: Floats, factors: Floats) -> Past:
+    """Return the steps of a run with delayed values, made again from all of its rows.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    law : Law
+    columns : ndarray, shape (4 + r + n, rows)
+        Time and step size in units of the record, regime, kind of row, state of each reaction, the state.
+    factors : ndarray, shape (n, 1)
+        From internal units to those of the record.
+    """
+    run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+    first, scale = 4 + len(reactions(model)), settings.scales.of(TIME)
+    steps, width = columns[:first].copy(), int(run.book[0].width)
+    steps[:2] /= scale
+    lend_past(run, np.empty(0), width * columns.shape[1])
+    engine().retrace(run, steps, np.ascontiguousarray(columns[first:] / factors))
+    return Past(run.past_steps[: int(run.book[0].pieces) * width].copy(), run.book.copy())
 
 
 def _sums(model: Model, layout: Layout, columns: Floats) -> Floats:

@@ -19,6 +19,7 @@ from xdynamics.march.events import dispatch as event_dispatch
 from xdynamics.march.events import enclosures
 from xdynamics.march.lane_rows import gather_rows
 from xdynamics.march.lanes import march_lanes
+from xdynamics.march.retracing import retrace
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 from xdynamics.march.step_parts import parts_of_steps
 
@@ -44,6 +45,7 @@ class Engine(NamedTuple):
     fastest_rates: Callable[..., None]
     growths: Callable[..., None]
     rows_of_times: Callable[..., None]
+    retrace: Callable[..., None]
     march_at: int  # where the compiled `loop.march` begins
 
 
@@ -126,6 +128,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
             (engine_entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
             (engine_entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
             (engine_entries.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
+            (retrace, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
         ),
     ),
     EnginePart(
@@ -169,7 +172,7 @@ def engine() -> Engine:
     """Return the engine, made or loaded at the first call."""
     if PLAINLY:
         return _plain_engine()
-    march, march_many, states_inside, fastest_rates, growths, rows_of_times = ENGINE.entries()
+    march, march_many, states_inside, fastest_rates, growths, rows_of_times, retraced = ENGINE.entries()
     call = march.call
     return Engine(
         _judged(lambda run, rows: call(run.address, rows)),
@@ -178,6 +181,7 @@ def engine() -> Engine:
         _judged(lambda run, *arguments: fastest_rates(run.address, *arguments)),
         _judged(lambda run, *arguments: growths(run.address, *arguments)),
         rows_of_times,
+        _judged(lambda run, *arguments: retraced(run.address, *arguments)),
         march.address,
     )
 
@@ -202,6 +206,7 @@ def _plain_engine() -> Engine:
         engine_entries.fastest_rates,
         engine_entries.growths,
         engine_entries.rows_of_times,
+        retrace,
     )
     return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *others, 0)
 

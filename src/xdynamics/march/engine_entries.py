@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.law import INSIDE
@@ -16,7 +15,9 @@ from xdynamics.march.calls import called, entered_by, floats_at, march_by, run_a
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
+from xdynamics.march.inside_errors import judge_inside
 from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.past import enter_past
 from xdynamics.march.perturbation import follow
 from xdynamics.march.run import (
     BEGUN,
@@ -333,6 +334,7 @@ def stand(run: Run, t: float) -> None:
     enter_pieces(t, run.tables, run.places, run.of_time)
     run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
+    enter_past(run)
     if run.plan[0].switches > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
 
@@ -353,24 +355,6 @@ def shorter(run: Run, t: float, t1: float, h: float, rest: float) -> bool:
     run.kept[0].since = BEGUN
     propose_apart(run, t1, h)
     return run.trial[0].iterations >= 0
-
-
-@shared
-def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats, k: int, solved: bool) -> None:
-    """Replace the single step by the state's distance from two half steps, extrapolated with it.
-
-    Two half steps have 2**-p of the error of the whole one. Rounding is added, one spacing of the numbers that
-    were summed; so is the mismatch at the step's end, which is added to the state in proportion to how errors grow.
-    """
-    n, divisor, cube = states.shape[0], run.plan[0].divisor, s * s * s
-    if run.plan[0].extrapolated:
-        divisor = 2.0 * divisor + 1.0  # one order higher
-    for i in range(n):
-        value, whole, halves = found[i, k], found[n + i, k], run.z[i] if solved else np.nan
-        off = abs((value - halves) + (whole - halves) / divisor)
-        missing = cube * cube * (ends[i, k] - run.located_z[i]) if ends.shape[0] > 0 else 0.0
-        found[i, k] = value + missing
-        found[n + i, k] = off + abs(missing) + EPS * max(abs(states[i, k]), abs(value))
 
 
 def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.ensemble_part import EnsemblePart, copied, inputs_of
 from xdynamics.march.initial_run import addresses_of, posed
@@ -190,8 +191,7 @@ def march_many(
         If an array has a different length, an unknown name or invalid values, with every fault; if the system gives no
         memory.
     """
-    settings.check(model)
-    model.require_functions()
+    check_alone(model, settings)
     varied = {("parameter", name): values for name, values in (parameters or {}).items()}
     starts = model.started(parameters or {}) | dict(initial or {})
     varied |= {("initial value", name): values for name, values in starts.items()}

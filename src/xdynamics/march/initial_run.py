@@ -25,6 +25,7 @@ from xdynamics.march.engine import pressing
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.past_arrays import delay_times, jumps_at, past_arrays
 from xdynamics.march.run import (
     HOLD,
     KEPT,
@@ -85,8 +86,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         **_states(model, settings, law, int(plan["samples"][0])),
         **_following(settings, law.layout),
         **_parameters(model, scales, doubled=law.layout.is_doubled),
-        tables=tables,
-        places=places,
+        **past_arrays(model, law, scales, tables, places),
+        jumps=jumps_at(nodes, nodes_of(model, scales), np.append(instants, rings)),
         of_time=np.array([i for i, at in enumerate(model.looked_up_at.values()) if at == CLOCK], np.int64),
         attitudes=np.array(law.layout.attitudes, np.int64).reshape(-1, PARTS),
         nodes=nodes,
@@ -189,7 +190,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "least": pacing.growth_limits[0],
         "greatest": pacing.growth_limits[1],
         "min_step": pacing.min_step / scale,
-        "max_step": pacing.max_step / scale,
+        "max_step": min([pacing.max_step / scale, *delay_times(model, settings.scales)]),
         "first_step": single if adaptive else 0.0,
         "most_steps": pacing.max_steps if adaptive else np.inf,
         "divisor": 2.0**scheme.method.order - 1.0,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import Annotated, Any, NamedTuple, TypeVar
 
+import numpy as np
+
 
 class ArrayKind(NamedTuple):
     """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart.
@@ -43,3 +45,9 @@ Own = Annotated[T, Lifetime.OWN]
 Scratch = Annotated[T, Lifetime.SCRATCH]
 Address = Annotated[T, Lifetime.ADDRESS]
 Log = Annotated[T, Lifetime.LOG]
+
+
+def row_of(floats: str, integers: str) -> np.dtype[Any]:
+    """Return the type of a row of named numbers, floats and then whole ones."""
+    fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in integers.split()]
+    return np.dtype((np.record, fields))

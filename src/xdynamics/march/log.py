@@ -15,6 +15,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import DEVIATION, NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.calls import entered_by, noted
 from xdynamics.march.exact_times import set_time
+from xdynamics.march.past import has_room_for_past
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
 from xdynamics.model.assemblies import slots_of, together
 
@@ -121,6 +122,7 @@ def has_room(run: Run) -> bool:
         and now.trials - base.trials + most_trials(events * run.plan[0].apart) <= run.log_trials.shape[0]
         and now.events - base.events + events + 2 * run.plan[0].together <= run.log_events.shape[0]
         and (run.plan[0].assemblies == 0 or has_room_for_links(run))
+        and (run.delays.shape[0] == 0 or has_room_for_past(run))
         and (now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1] or leaves_samples(run))
     )
 

@@ -15,7 +15,18 @@ from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.lane_writing import STRETCH
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
-from xdynamics.march.acceptance import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
+from xdynamics.march.acceptance import (
+    AT_BOTH,
+    AT_BREAK,
+    AT_BREAK_AND_GRID,
+    AT_GRID,
+    AT_NODE,
+    end,
+    judge,
+    land,
+    move,
+    nonfinite,
+)
 from xdynamics.march.assembly.broad_phase import MEETS
 from xdynamics.march.attitudes import hold_attitudes
 from xdynamics.march.calls import called, entered_by, run_at
@@ -35,6 +46,7 @@ from xdynamics.march.outcomes import (
     STEP_LIMIT,
     STEP_TOO_SMALL,
 )
+from xdynamics.march.past import begin_past, enter_past, note_past, soonest
 from xdynamics.march.run import (
     ASSEMBLY_PHASE,
     BEGIN_CONTACTS,
@@ -89,7 +101,7 @@ def march(address: Any, rows: int) -> None:
         settle_tolerances(run)  # of a march that goes on
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
-        if now.crossed != now.node:
+        if now.crossed != now.node or has_crossed(run):
             cross_node(run)
         if now.status == RUNNING:
             aim(run)
@@ -130,6 +142,12 @@ def landed(run: Run, reason: int, together: bool) -> int:
     return reason
 
 
+@compiled
+def has_crossed(run: Run) -> bool:
+    """Whether the march stands right after a breaking point of delayed values."""
+    return bool(run.delays.shape[0] > 0 and run.book[0].crossing > 0)
+
+
 @shared
 def start(run: Run) -> None:
     """Evaluate and log the initial state; choose the first step."""
@@ -137,6 +155,7 @@ def start(run: Run) -> None:
     run.at[REGIME] = now.regime  # until an event changes it
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
+    begin_past(run)
     tick_at_start(run)
     if plan.switches > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
@@ -195,12 +214,17 @@ def aim(run: Run) -> None:
     """Choose the end and size of the next step; end the run where it cannot or may not advance."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     node = run.nodes[now.node] if now.node < run.nodes.shape[0] else plan.end
+    if run.delays.shape[0] > 0:
+        enter_past(run)
+        node = soonest(run, node)
     if plan.series > 0:
         foresee(run)
     if plan.adaptive:
         aim_freely(run, node)
     else:
         aim_at_grid(run, node)
+    if run.delays.shape[0] > 0 and run.book[0].aimed > 0 and trial.landing != AT_GRID:
+        trial.landing = AT_BREAK if trial.landing == AT_NODE else AT_BREAK_AND_GRID
     if plan.doubled > 0:
         trial.rest = landing_rest(run)
     if not (now.t + trial.h > now.t and trial.t > now.t):
@@ -273,7 +297,10 @@ def accept(run: Run) -> None:
     """Log an accepted state and go on from it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     inner = now.node < run.nodes.shape[0]  # the end of the run is no breakpoint
-    kind = NODE if trial.landing in (AT_NODE, AT_BOTH) and inner else STEP
+    at_break = trial.landing in (AT_BREAK, AT_BREAK_AND_GRID)
+    kind = NODE if at_break or (trial.landing in (AT_NODE, AT_BOTH) and inner) else STEP
+    if run.delays.shape[0] > 0:
+        note_past(run)
     if tick_at_end(run) and not finite_state(run):
         end(run, nonfinite(run))
         return
@@ -295,6 +322,9 @@ def cross_node(run: Run) -> None:
     end_region(run)
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
+    if run.delays.shape[0] > 0:
+        run.book[0].crossing = 0
+        enter_past(run)
     copy(run.y, run.z)
     evaluate(run, now.t, run.z)
     note_sample(run, now.t, run.z, now.rows - 1)

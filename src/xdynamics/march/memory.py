@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.program import REGIME
 from xdynamics.march.lifetimes import Lifetime
 from xdynamics.march.outcomes import RUNNING
+from xdynamics.march.past_arrays import fit, trim
 from xdynamics.march.run import ARRAYS, CHANGING, Run
 
 Array = NDArray[Any]
@@ -19,6 +21,7 @@ Floats = NDArray[np.float64]
 
 LARGE = 1 << 20  # bytes of an array that is worth it
 OF_TRIALS = ("z", "e", "samples", "half", "whole", "located_z", "located_e", "located_samples", "full", "full_e")
+_OF_DELAYS = ("past_steps", "breaks", "book")
 _OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")
@@ -39,6 +42,8 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
     InputError
         If an array has a different form; the message names the first one.
     """
+    if run.delays.size:
+        fit(run, arrays["past_steps"].size, arrays["breaks"].shape[1])
     for name in CHANGING:
         target, source = getattr(run, name), arrays.get(name)
         if source is None or (source.dtype, source.shape) != (target.dtype, target.shape):
@@ -49,12 +54,17 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
 
 def numbers_at_end(run: Run) -> tuple[str, Floats]:
     """Return the numbers that a march needs to go on after its end, and the names of their arrays and fields."""
+    trim(run)
+    return _numbers(run)
+
+
+def _numbers(run: Run) -> tuple[str, Floats]:
     names, parts = [], []
     for name in _at_end(run):
         array = getattr(run, name)
         fields = _fields(run, name)
         names += [f"{name}.{field}" for field in fields] if fields else [f"{name}[{array.size}]"]
-        parts += [array[field] for field in fields] if fields else [array]
+        parts += [array[field] for field in fields] if fields else [array.ravel()]
     return " ".join(names), np.concatenate(parts, dtype=float, casting="unsafe")
 
 
@@ -83,7 +93,10 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     InputError
         If the numbers belong to a run of a different form.
     """
-    expected, kept = numbers_at_end(run)
+    if run.delays.size:
+        sizes = {name: int(size) for name, size in re.findall(r"(past_steps|breaks)\[(\d+)\]", names)}
+        fit(run, sizes.get("past_steps", 0), sizes.get("breaks", 0) // 2)
+    expected, kept = _numbers(run)
     short = sum(getattr(run, name).size for name in LATER)
     if names == expected.rsplit(maxsplit=len(LATER))[0] and numbers.size == kept.size - short:
         names, numbers = expected, np.append(numbers, np.zeros(short))
@@ -93,7 +106,7 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     for name in _at_end(run):
         array = getattr(run, name)
         fields = _fields(run, name)
-        for part in [array[field] for field in fields] if fields else [array]:
+        for part in [array[field] for field in fields] if fields else [array.reshape(-1)]:
             part[...] = numbers[first : first + part.size]
             first += part.size
     now = run.now[0]
@@ -109,6 +122,6 @@ def _fields(run: Run, name: str) -> tuple[str, ...]:
 
 def _at_end(run: Run) -> list[str]:
     """Return the arrays whose final values a record keeps; those of contacts and switches where there are any."""
-    names = [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
+    names = [name for name in AT_END if name not in (*_OF_CONTACTS, *_OF_DELAYS) or getattr(run, name).size]
     names += ["places"] if (run.detectors["drive"] >= 0).any() else []
     return [*names, *LATER] if run.touches.size else names

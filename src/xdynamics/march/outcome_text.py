@@ -137,7 +137,7 @@ def diagnose(march: March) -> Failure:
         return Failure(OUTCOMES[status], say(march))
     if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
         return Failure(OUTCOMES[status], _cause(march))
-    for values in retraced(march):
+    for values in () if march.model.delays else retraced(march):
         if failure := _in_evaluation(march, values):
             return failure
     if status == REASON_NEWTON:

@@ -14,13 +14,8 @@ from numpy.typing import NDArray
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.machine import address_of
 from xdynamics.kernels.program import TABLE, WORDS
-from xdynamics.march.lifetimes import Address, ArrayKind, Given, Lifetime, Log, Own, Passing, Scratch, Within
-
-
-def _record(floats: str, integers: str) -> np.dtype[Any]:
-    fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in integers.split()]
-    return np.dtype((np.record, fields))
-
+from xdynamics.march.lifetimes import Address, ArrayKind, Given, Lifetime, Log, Own, Passing, Scratch, Within, row_of
+from xdynamics.march.past_records import BOOK, DELAY
 
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
@@ -35,7 +30,7 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # the law's number of the program that puts a state where constraints hold, 0 without any, `moved` the place in a state of
 # how far it did, and `consistent` is 1 where the start may be moved, too; `passing` is 1 where kinks at points of tables
 # are landed on without a row of events each.
-PLAN = _record(
+PLAN = row_of(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest",
     "adaptive differences estimates steps extrapolated limited stages samples"
@@ -44,19 +39,19 @@ PLAN = _record(
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
-NOW = _record(
+NOW = row_of(
     "t h norm step step_log first_step rest",
     "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
 # where its state is finite, and `unsound_events` where its event functions are, else nan; `deviation` is how far from 1
 # the length of a quaternion was, see `attitudes`.
-TRIAL = _record("t h unsound unsound_events rest deviation", "landing iterations")
+TRIAL = row_of("t h unsound unsound_events rest deviation", "landing iterations")
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
 # `turn` equals `rate`.
-DETECTOR = _record(
+DETECTOR = row_of(
     "tolerance position",
     "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate"
     " turn",
@@ -66,7 +61,7 @@ DETECTOR = _record(
 # it may have a zero there (`alive`), its bounds and those of its slope on the current piece, from where it cannot be
 # distinguished from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked for;
 # `guard` is the side that it, for instance a gap, may not leave by more than `floor`.
-WATCH = _record(
+WATCH = row_of(
     "low high down up least_bend most_bend floor zone clear left right before greatest drift",
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
@@ -75,24 +70,24 @@ WATCH = _record(
 # of positions and so on; `part` is 1 where it is not the whole trial, `cut` where substeps were made in a trial that is
 # accepted nonetheless; `substeps` counts those made since its search began; `first` and `last` are its ends as shares of
 # the trial.
-PIECE = _record("start end width wide full first last", "cut rough part verdict substeps")
+PIECE = row_of("start end width wide full first last", "cut rough part verdict substeps")
 # What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number; the
 # rest as in `newton_matrix.NewtonSystem`.
-EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives")
+EQUATIONS = row_of("", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives")
 # What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are
 # none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
 # after a start, those of the previous accepted step; `growth` is the factor for the next step, 0 where step control
 # chooses it. `linearised` is whether the derivatives may be used, `fresh` whether they are those at the state itself,
 # `since` what the march did since the last trial.
-KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
+KEPT = row_of("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
 # The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how
 # low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.
-REACTION = _record("tolerance rest_height", "role normal law")
+REACTION = row_of("tolerance rest_height", "role normal law")
 # A reaction at a state: the gap of a contact, the rate of the gap or of the slip, the acceleration without reactions;
 # `coefficient` is that of restitution, or of friction in slip, and `most` that in stick; of a friction element, forces.
 # (Not `size`: a row of NumPy's has an attribute of that name.)
-LINK = _record("gap rate free coefficient most", "")
+LINK = row_of("gap rate free coefficient most", "")
 # What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest effect
 # of a unit of it on its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how
 # fast it opened last, and `since` when, `lost` the energy that an impact takes, or bounces that are skipped, `bounce`
@@ -102,7 +97,7 @@ LINK = _record("gap rate free coefficient most", "")
 # of an impact and the rate after them; `near` is 1 where a contact touches, `hit` is the detector that met it, `held`
 # what it did before the event, `slack` the uncertainty of a rate; `way` is the direction of slip, and of a contact
 # whether its bounces have been examined.
-TOUCH = _record(
+TOUCH = row_of(
     "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after"
     " slack rate total",
     "state part place way hit near held",
@@ -110,7 +105,7 @@ TOUCH = _record(
 # A contact of many links: how many there are, or elements where they are all pairs of these; the leaves of its pattern, of
 # which `coordinates` move, and of the first of them with an interval its number and row; its detector and law of impacts;
 # whether its gap changes with time alone; where its links (among all), its leaves, its order of elements, its hulls begin, how many groups.
-ASSEMBLY = _record(
+ASSEMBLY = row_of(
     "tolerance rest_height",
     "links first_link elements paired rubs leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
 )
@@ -128,14 +123,14 @@ GUARD, OWNER, FIGURE, BOUND, BEFORE, BEHIND, TAKEN, TERMS, SKIPPED = range(9)
 BALANCE = 9
 KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard failed, if any
 # Rows of the log.
-TRIAL_ROW = _record("time step_size error_norm", "step reason")
-EVENT_ROW = _record(
+TRIAL_ROW = row_of("time step_size error_norm", "step reason")
+EVENT_ROW = row_of(
     "time left residual slope uncertainty murk interpolation rest",
     "row_before row_after detector kind direction substeps link",
 )
 NO_LINK = -1  # of an event that is of no contact of many links
 # The counts of `NOW` at the log's first row.
-BASE = _record("", "rows trials events samples")
+BASE = row_of("", "rows trials events samples")
 
 Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
 Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
@@ -152,6 +147,8 @@ Kepts = Annotated[NDArray[Any], ArrayKind("Kepts", KEPT)]
 Watches = Annotated[NDArray[Any], ArrayKind("Watches", WATCH)]
 Pieces = Annotated[NDArray[Any], ArrayKind("Pieces", PIECE)]
 Bases = Annotated[NDArray[Any], ArrayKind("Bases", BASE)]
+Delays = Annotated[NDArray[Any], ArrayKind("Delays", DELAY)]
+Books = Annotated[NDArray[Any], ArrayKind("Books", BOOK)]
 Reactions = Annotated[NDArray[Any], ArrayKind("Reactions", REACTION)]
 Links = Annotated[NDArray[Any], ArrayKind("Links", LINK)]
 Touches = Annotated[NDArray[Any], ArrayKind("Touches", TOUCH)]
@@ -288,6 +285,14 @@ class Run:
     shares: Passing[Floats]  # forces of closed links, along each row, as they were shared last
     swing: Scratch[Floats]  # what forces of links do to all coordinates
     of_time: Given[Whole]  # drives of time
+    delays: Given[Delays]
+    book: Books  # of the past, where there are delays
+    past_steps: Annotated[
+        Floats, Within("tables")
+    ]  # the end of `tables`: the polynomials of accepted steps, see `march.past`
+    breaks: Columns  # breaking points to come, ascending: the time, and the derivative that jumps there
+    first_breaks: Given[Floats]  # those that follow from tables before the start
+    jumps: Given[Whole]  # which derivative of the motion jumps at each node: at ticks the motion itself; -1 for none
     attitudes: Given[Lists]  # places in the state of the four parts of every unit quaternion
     atol: Own[Floats]
     followers: Given[Whole]  # 1 where the tolerance follows the size of its variable

@@ -25,6 +25,7 @@ from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, give_back, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
+from xdynamics.march.past_arrays import make_room
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
@@ -270,13 +271,13 @@ class March:
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
         pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
         started = looked = clock()
-        log.base[0], log.links[:] = first, 0
+        log.base[0], log.links[:], in_time = first, 0, True
         log.lend(self.run)
-        in_time = True
         while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
             pause = self.passages.shortened(pause, counts[0])
             log.make_ready(counts[0] - first[0], pause, sampled)
+            make_room(self.run)
             try:
                 march(self.run, pause)
             except NoMemoryError:

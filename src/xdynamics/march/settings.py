@@ -10,6 +10,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
+from xdynamics.march.delay_faults import delay_faults
 from xdynamics.march.precision_faults import precision_faults
 from xdynamics.march.root_methods import EARLIEST_FIRST, ONE_BY_ONE, ROOT_METHODS
 from xdynamics.march.tolerances import Tolerances, least_rtol
@@ -219,6 +220,7 @@ class Settings:
             *self._summation_faults(),
             *self._switches_faults(),
             *precision_faults(self, model),
+            *delay_faults(self, model),
             *self._tick_faults(model, start, second),
             *self.pacing.faults(second),
         ]

@@ -73,6 +73,8 @@ def effect_of(march: March) -> Effect:
     atols = _given(tolerances, layout) / factors
     if not atols.any():
         return Effect("", none_loose)
+    if march.model.delays:
+        return Effect("not looked at: forces read delayed values", none_loose)
     end, steps = float(march.now.t), _steps(march)  # before the march's state is changed below
     with put_aside(march), np.errstate(all="ignore"):
         sizes = _sizes(march, atols)

@@ -53,7 +53,7 @@ class Passages:
 
     def __init__(self, model: Model, settings: Settings, layout: Layout) -> None:
         self.model, self.layout, self.scales = model, layout, settings.scales
-        self.is_watched = may_slide(model, settings)
+        self.is_watched = may_slide(model, settings) and not model.delays
         self.pause = max(FIRST, min(PAUSES, LOOKED_AT // layout.used.size))
         self.last: Floats = np.empty((2 + layout.used.size, 0))  # time, step and state of the last rows
 

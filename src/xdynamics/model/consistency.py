@@ -22,6 +22,7 @@ from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.constraint_consistency import check_constraints
 from xdynamics.model.contact_consistency import check_contacts
 from xdynamics.model.controllers import EVERY, starts
+from xdynamics.model.delay_consistency import check_delays
 from xdynamics.model.given_values import unit_of
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinks import SWITCHING
@@ -107,6 +108,9 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
                 raise InputError(f"has units '{dimension}', and is to be in '{chosen.unit.text}'")
     _check_pictured(statement, dimensions, ledger)
     ledger.raise_faults()
+    if statement.delayed or statement.history:
+        check_delays(statement, dimensions, ledger)
+        ledger.raise_faults()
     return dimensions
 
 

@@ -8,6 +8,8 @@ from functools import lru_cache
 
 from xdynamics.expressions import Binary, Call, Name, Node, derivative, dimension_of, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.model.delayed_values import delayed_dimensions
+from xdynamics.model.delays import is_before
 from xdynamics.model.mass import Assignment
 from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
@@ -42,7 +44,8 @@ class Detector:
     at_zero : int
         The side that zero belongs to, of a switch.
     sampled : bool
-        Whether nothing is known of the function between the states where it is evaluated: one written in Python.
+        Whether nothing is known of the function between the states where it is evaluated: one written in Python, or of
+        delayed values.
     drive : str
         The drive, where the switch is the next point of a table.
     time_tolerance, position_tolerance : Quantity, optional
@@ -72,7 +75,7 @@ def detectors(model: Model) -> tuple[Detector, ...]:
     """Return the detectors of a model: its events in their order, contacts, friction, and switches in its forces."""
     all_detectors = []
     for name, event in model.events.items():
-        sampled = isinstance(event.function, Function)
+        sampled = isinstance(event.function, Function) or reads_past(event.function, model)
         tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
         place, role = event.position_tolerance, OCCASION
         if event.every is not None:
@@ -131,7 +134,21 @@ def _switching(model: Model) -> Iterator[Detector]:
         if switch.nested and model.located != LOCATED_EVERYWHERE:
             own = {function: name for (owner, function), name in sides.items() if owner == switch.owner}
             watched = where_it_decides(switch, own, switch.function, ONE)
-        yield Detector(switch.name, switch.function, role, at_zero=switch.at_zero, drive=switch.drive, watched=watched)
+        past = reads_past(switch.function, model)
+        yield Detector(
+            switch.name,
+            switch.function,
+            role,
+            at_zero=switch.at_zero,
+            sampled=past,
+            drive=switch.drive,
+            watched=watched,
+        )
+
+
+def reads_past(tree: Node, model: Model) -> bool:
+    """Whether an expression has delayed values, of which nothing is known between the states where it is evaluated."""
+    return bool(model.delays) and any(is_before(name) for name in free_names(model.expanded(tree)))
 
 
 def _place(part: Contact | Friction, role: int) -> Quantity | None:
@@ -161,11 +178,11 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
         return model.time_unit.dimension
     if detector.drive:
         return NONE
-    if detector.sampled:
+    if isinstance(detector.event.function, Function):
         return detector.event.unit.dimension if detector.event.unit else NONE
     if detector.role == LINKS:
         return dimension_of(model.assemblies[detector.name].gap, model.dimensions)
-    return dimension_of(detector.function, model.dimensions | reaction_dimensions(model))
+    return dimension_of(detector.function, model.dimensions | reaction_dimensions(model) | delayed_dimensions(model))
 
 
 @lru_cache(maxsize=64)

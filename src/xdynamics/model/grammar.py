@@ -267,6 +267,9 @@ SECTIONS: dict[str, Section] = {
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0; consistent = true moves it to where constraints hold',
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
+    "history": Section("what delayed(x, tau) reads before the start; without it the value at the start", "history", (Key("<name>", FORMULA.of("of t and parameters"), "what a coordinate, velocity or state was before the start", "the value at the start"),),
+        '[history]\nv_theta = "0.1*radian/second*cos(t/second)"\n',
+    ),
     "events": Section(
         "functions whose zeros are located, and what is done there", "event", OF_EVENTS,
         '[events.turn]\nfunction = "v_x"\ndirection = "falling"\ntime_tolerance = "1 ns"\nposition_tolerance = "1 um s-1"\n'

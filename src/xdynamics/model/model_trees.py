@@ -11,6 +11,7 @@ from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import ModelError
 from xdynamics.model import toml
 from xdynamics.model.body_sections import Body
+from xdynamics.model.delays import delayed_rates, delays_of, in_names, place_before, slope_before, value_before
 from xdynamics.model.drive_arguments import place_of
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.joint_sections import Joint
@@ -55,6 +56,7 @@ class ModelTrees:
     drives: dict[str, Drive]
     states: dict[str, State]
     initial: dict[str, Quantity]
+    history: dict[str, Node]
     starts: dict[str, Parameter]
     events: dict[str, Event]
     contacts: dict[str, Contact]
@@ -181,8 +183,19 @@ class ModelTrees:
         return self.statement.mass_is_full
 
     def expanded(self, node: Node) -> Node:
-        """Return an expression with every definition substituted."""
-        return expand(node, self.definitions)
+        """Return an expression with every definition substituted, and with names for delayed values."""
+        tree = expand(node, self.definitions)
+        return in_names(tree, self.delays, self.moving | {*self.drives}) if self.delays else tree
+
+    @cached_property
+    def delays(self) -> tuple[Node, ...]:
+        """The different delays, with definitions expanded."""
+        return delays_of(self._written)
+
+    @cached_property
+    def moving(self) -> frozenset[str]:
+        """The names of coordinates, velocities and states."""
+        return frozenset(self.units)
 
     def reads(self, node: Node | Function) -> set[str]:
         """Return the names that an expression depends on, also through definitions and drives."""
@@ -217,6 +230,11 @@ class ModelTrees:
         rates |= {name: Name(rate(name)) for name in self.states}
         for name in self.drives:
             rates[name] = multiply(Name(f"_slope_{name}"), derivative(self.looked_up_at[name], rates))
+        for delay in range(len(self.delays)):
+            rates |= delayed_rates(delay, self.coordinates, self.states)
+            for name in self.drives:
+                before, place = value_before(delay, name), place_before(self.looked_up_at[name], self.moving, delay)
+                rates[before] = multiply(Name(slope_before(before)), derivative(place, rates))
         return rates
 
     def _components(self, force: Force) -> Mapping[str, Node | Function]:

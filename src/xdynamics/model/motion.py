@@ -18,8 +18,9 @@ from xdynamics.elementary import NAME
 from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivative, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
-from xdynamics.faults import ModelError
+from xdynamics.faults import InputError, ModelError
 from xdynamics.model.constraints import bound, conditions, tying
+from xdynamics.model.delays import in_history, is_before, value_at_start
 from xdynamics.model.drive_arguments import CLOCK, in_time
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.mass import Assignment, factors, solved
@@ -31,6 +32,7 @@ from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, TIME, UNSCALED, Scales, constant
 
+ALONG_A_MARCH = "has delayed values, which are known along a march alone, and not at a state by itself"
 REGIME_NUMBER = "_regime"  # the name by which trees read the number of the current regime, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -121,7 +123,8 @@ def decides(model: Model, switch: Switch) -> Node:
 @lru_cache(maxsize=64)
 def constant_names(model: Model) -> tuple[str, ...]:
     """Return the names of `constants`, of which no value is made."""
-    names = (*model.parameters, *CONSTANTS, "pi", *model.shaped.calendar, *modes(model), *switch_inputs(model))
+    before = _before(model, UNSCALED) if model.delays else ()
+    names = (*model.parameters, *CONSTANTS, "pi", *model.shaped.calendar, *before, *modes(model), *switch_inputs(model))
     return tuple(dict.fromkeys(names))
 
 
@@ -136,7 +139,18 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     values |= {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
     values |= {name: float(constant(name).factor) / scales.of(TIME) for name in model.shaped.calendar}
+    if model.delays:
+        values |= _before(model, scales)
     return values | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
+
+
+def _before(model: Model, scales: Scales) -> dict[str, float]:
+    """Return what delayed values are read with: whether their times lie before the start, and the values there."""
+    here = {in_history(i): 1.0 for i in range(len(model.delays))}
+    names = [name for name in model.moving if name not in model.history]
+    return here | {
+        value_at_start(name): model.initial[name].si / scales.of(model.dimensions[name]) for name in sorted(names)
+    }
 
 
 @lru_cache(maxsize=16)
@@ -194,7 +208,14 @@ def inputs_of(
         `constants` in the same units.
     tables : iterable of (ndarray, ndarray)
         Each drive's `coefficients`, in the same units.
+
+    Raises
+    ------
+    InputError
+        If the model has delayed values, which no state by itself gives.
     """
+    if model.delays:
+        raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
     for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
@@ -251,12 +272,20 @@ def evaluated_many(
         The result of `read_by`, if it is available.
     parts : sequence of slice, optional
         Of the states: those at which each expression is wanted. What several of them read is evaluated once.
+
+    Raises
+    ------
+    InputError
+        If they read delayed values, which no states by themselves give.
     """
     values: dict[str, Any] = dict(known) | dict(state)
     for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
         x = evaluate_many(at, values, math_functions)
         values[name], values[slope(name)] = looked_up(table, x, of_time=at == CLOCK)
-    for item in read_by(model, wanted) if read is None else read:
+    read = read_by(model, wanted) if read is None else read
+    if model.delays and any(map(is_before, _names_in(wanted, read))):
+        raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
+    for item in read:
         if isinstance(item.value, Function):
             call = np.vectorize(model.functions[item.value.name], otypes=[float])
             values[item.name] = call(*(values[name] for name in item.value.arguments))
@@ -264,6 +293,12 @@ def evaluated_many(
             values[item.name] = evaluate_many(item.value, values, math_functions)
     given = [values] * len(wanted) if parts is None else [_PartialValues(values, part) for part in parts]
     return [evaluate_many(item, here, math_functions) for item, here in zip(wanted, given, strict=True)]
+
+
+def _names_in(wanted: Iterable[Node], read: Iterable[Assignment]) -> set[str]:
+    """Return what some expressions and assignments read."""
+    trees = [*wanted, *(item.value for item in read if not isinstance(item.value, Function))]
+    return set().union(*map(free_names, trees))
 
 
 class _PartialValues(dict[str, Any]):

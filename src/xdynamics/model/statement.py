@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, get_args
 
-from xdynamics.expressions import Node, free_names
+from xdynamics.expressions import Call, Node, free_names
 from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.tree import DELAYED, every
 from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.body_sections import Body
 from xdynamics.model.given_values import Values
@@ -53,6 +54,7 @@ class Statement:
     drives: dict[str, Drive] = field(default_factory=dict)
     states: dict[str, State] = field(default_factory=dict)
     initial: dict[str, Quantity] = field(default_factory=dict)
+    history: dict[str, Node] = field(default_factory=dict)  # what delayed values are before the start
     starts: dict[str, Parameter] = field(default_factory=dict)  # initial values with a spread or a description
     events: dict[str, Event] = field(default_factory=dict)
     contacts: dict[str, Contact] = field(default_factory=dict)
@@ -116,9 +118,16 @@ class Statement:
         if not named:
             return ()
         sections = {part.name: getattr(self, part.name) for part in fields(self)} | {"mass": self.mass_entries}
-        read = {name for tree in _trees_in(sections) for name in free_names(tree)}
+        read = {name for tree in trees_in(sections) for name in free_names(tree)}
         read |= {name for function in self.functions for name in function.arguments}
         return tuple(name for name in named if name in read)
+
+    @cached_property
+    def delayed(self) -> tuple[Call, ...]:
+        """Every delayed value that an expression has, as it is written, each once."""
+        sections = {part.name: getattr(self, part.name) for part in fields(self)} | {"mass": self.mass_entries}
+        calls = (node for tree in trees_in(sections) for node in every(tree) if isinstance(node, Call))
+        return tuple(dict.fromkeys(call for call in calls if call.function == DELAYED))
 
     @cached_property
     def functions(self) -> tuple[Function, ...]:
@@ -138,16 +147,16 @@ class Statement:
 _NODES = get_args(Node)
 
 
-def _trees_in(part: Any) -> Iterator[Node]:
+def trees_in(part: Any) -> Iterator[Node]:
     """Yield every expression that a part of a statement holds."""
     if isinstance(part, _NODES):
         yield part
     elif isinstance(part, Mapping):
         for value in part.values():
-            yield from _trees_in(value)
+            yield from trees_in(value)
     elif isinstance(part, (tuple, list)):
         for value in part:
-            yield from _trees_in(value)
+            yield from trees_in(value)
     elif is_dataclass(part):
         for own in fields(part):
-            yield from _trees_in(getattr(part, own.name))
+            yield from trees_in(getattr(part, own.name))

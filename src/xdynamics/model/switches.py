@@ -22,6 +22,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
+from xdynamics.model.delays import is_before
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
@@ -358,7 +359,8 @@ def _of_numbers(node: Call | Along) -> bool:
 
 def _moves(model: Model, function: Node) -> bool:
     """Whether the function of a switch changes along a motion."""
-    return bool(model.reads(function) & _moving(model))
+    read = model.reads(function)
+    return bool(read & _moving(model)) or (bool(model.delays) and any(map(is_before, read)))
 
 
 @lru_cache(maxsize=1)

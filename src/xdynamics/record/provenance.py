@@ -30,6 +30,7 @@ from xdynamics.model import Model
 from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
+from xdynamics.record.delays import delays
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import sized
 from xdynamics.record.run_columns import left_out_tolerances
@@ -96,6 +97,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **_stability(march),
         **_located(march),
         **_assumed(march.model),
+        **delays(march),
         **_dimensions(march.model),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
@@ -222,6 +224,8 @@ def _stability(march: March) -> dict[str, str]:
 
 def _time_scales(march: March) -> dict[str, Any]:
     """Compare steps with the fastest time scale and the span with the slowest, or report that this was not done."""
+    if march.model.delays:
+        return {"run_h_omega_rule": "not looked at: forces read delayed values"}
     scales = time_scales(march)
     if scales is None:
         return {"run_h_omega_rule": "not looked at: the forces give no finite rate at the start"}

@@ -29,7 +29,9 @@ SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every metho
 def warn_of_instability(model: Model, settings: Settings) -> None:
     """Warn once if a fixed step is beyond the method's stability limit at the initial state, as `modes` reports it."""
     step, method = settings.step, settings.method
-    if not isinstance(step, float | int) or settings.adaptive or model.python_forces or beyond_eigenvalues(model):
+    if not isinstance(step, float | int) or settings.adaptive or model.python_forces or model.delays:
+        return
+    if beyond_eigenvalues(model):
         return
     start = _Start(model, method, settings)
     jacobian, span = _jacobian(start), settings.until - model.initial["t"].si

@@ -63,10 +63,13 @@ def check_sampled(settings: Settings) -> None:
 
 def sampled_march(model: Model, settings: Settings, wanted: Floats, progress: Progress | None) -> xr.Dataset:
     """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
-    march = March(model, replace(settings, keep_every=1, log=STATES), progress, wanted)
+    around_alone = None if model.delays else wanted  # delayed values are of all rows
+    march = March(model, replace(settings, keep_every=1, log=STATES), progress, around_alone)
     around = record.dataset(march, march.blocks())
     warn_of_accuracy(march)
     states = states_at(around, wanted, model)
+    if model.delays:
+        return states
     rows = states["row"]
     return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
 

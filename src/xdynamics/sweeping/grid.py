@@ -15,6 +15,7 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Runs, Settings, march_each, march_many
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
+from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.log import Room
 from xdynamics.march.root_methods import EARLIEST_FIRST
 from xdynamics.methods import METHODS
@@ -153,6 +154,7 @@ class SweepGrid:
         InputError
             If a member cannot be marched; it is named.
         """
+        check_alone(self.model)
         sizes = [size if k in self.words else 1 for k, size in enumerate(self.shape)]
         for at in np.ndindex(*sizes):
             try:

@@ -134,6 +134,8 @@ def _faults(model: Model) -> Iterator[str]:
     if functions := model.python_functions:
         named = ", ".join(function.name for function in functions)
         yield f"nothing is known of the Python function {named} between two of its values; write it as an expression"
+    if model.delays:
+        yield "nothing is proven of delayed values; leave them out, or compare runs by refine"
     for kind, names in (("contact", model.shaped.contacts), ("friction", model.shaped.frictions)):
         if names:
             yield f"{kind} '{next(iter(names))}' ends the smooth motion; enclose a model without it, from one impact to the next"

@@ -294,7 +294,7 @@ def _search(rows: Chunks, heights: _Heights, rates: Floats) -> tuple[Extreme, Su
     at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
     best = Extreme(sign * top, time, LOCATED if at_event else SAMPLED, 0.0)
     values, times = heights.values, heights.times
-    if rows.run.variables[name].attrs["role"] not in STATES and rows.model.python_functions:
+    if rows.run.variables[name].attrs["role"] not in STATES and (rows.model.python_functions or rows.model.delays):
         best = best._replace(uncertainty=0.0 if at_event else heights.above)
         values, times = values[:, :0], times[:, :0]
     # the rows of a hump, one after the other

@@ -170,6 +170,7 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
         "constraints": model.constraints,
         "regimes": model.regimes,
         "functions in Python": model.python_functions,
+        "delayed values": model.delays,
     }
     for kind, members in kinds.items():
         if members:

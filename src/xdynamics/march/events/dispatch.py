@@ -11,7 +11,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
-from xdynamics.march.acceptance import AT_BORDER, AT_GRID
+from xdynamics.march.acceptance import AT_BORDER, AT_BOTH, AT_NODE
 from xdynamics.march.calls import called, run_at
 from xdynamics.march.events.arming import arm, forget
 from xdynamics.march.events.event_free_region import end_region
@@ -88,7 +88,7 @@ def begin(run: Run) -> None:
 def meet(run: Run) -> int:
     """Look for events in the trial: REASON_EVENT if it holds one, SOUND if it holds none and stays as it is."""
     now, trial = run.now[0], run.trial[0]
-    growth, final = run.kept[0].growth, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
+    growth, final = run.kept[0].growth, trial.landing in (AT_NODE, AT_BOTH) and now.node >= run.nodes.shape[0]
     set_time(run, T, now.t)
     called(run.law[DETECT], run, run.y, run.g, 0)
     look(run)

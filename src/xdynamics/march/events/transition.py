@@ -33,6 +33,7 @@ from xdynamics.march.outcomes import (
     SLIDING_MODE,
     SOUND,
 )
+from xdynamics.march.past import break_here, note_past
 from xdynamics.march.run import (
     ASSEMBLY_PHASE,
     BEFORE,
@@ -97,6 +98,8 @@ def ring_alone(run: Run) -> None:
 def note_both_sides(run: Run, reached: bool) -> None:
     """Note the state on either side of the events at the trial's end, act on them, and go on from there."""
     row_before = run.now[0].rows
+    if run.delays.shape[0] > 0:
+        note_past(run)
     if run.plan[0].passing > 0 and passes_kinks(run):
         pass_kinks(run, reached, row_before)
         return
@@ -133,6 +136,8 @@ def pass_kinks(run: Run, reached: bool, row: int) -> None:
     for i in range(run.detectors.shape[0]):
         run.watches[i].seen += np.int64(run.watches[i].hit != NONE)
     keep_sides(run, False)
+    if run.delays.shape[0] > 0:
+        break_here(run, run.trial[0].t, 1)
     settle(run, run.trial[0].t, run.z, 0.0)
     if not (finite_state(run) and note_apart(run, _NODE, run.trial[0].t, run.trial[0].h, run.z)):
         end(run, NONFINITE_OBSERVABLE if finite_state(run) else nonfinite(run))
@@ -204,6 +209,8 @@ def cross(run: Run, before: int) -> bool:
         entered_by(run.functions[ASSEMBLY_PHASE], run, trial.t, RELEASE_LINKS)
     if plan.switches > 0:
         changed = keep_sides(run, changed) or changed
+    if changed and run.delays.shape[0] > 0:
+        break_here(run, trial.t, 0)
     if changed:
         settle(run, trial.t, run.z, 0.0)
         note_sample(run, trial.t, run.z, before + 1)
