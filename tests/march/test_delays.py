@@ -424,10 +424,11 @@ def test_wrong_settings_are_refused(settings: dict[str, Any], said: str) -> None
 
 
 def test_other_verbs_say_what_they_cannot() -> None:
-    """Assert that sweeps, proofs and modes refuse delayed values, and that a parameter may make a delay wrong."""
+    """Assert that proofs and modes refuse delayed values, sweeps those inside steps, and what makes a delay wrong."""
     model = spring("-k*delayed(x, tau)")
-    with pytest.raises(xd.InputError, match="simulate them one by one"):
-        xd.sweep(model, axes={"k": ["1 N m-1", "2 N m-1"]}, method="rk4", step="0.1 s", until="1 s")
+    asked = {"axes": {"k": ["1 N m-1", "2 N m-1"]}, "keep": ["end", "x"], "times": ["0.5 s"]}
+    with pytest.raises(xd.InputError, match="'x' is read inside steps"):
+        xd.sweep(model, **asked, method="rk4", step="0.1 s", until="1 s")
     with pytest.raises(xd.InputError, match="nothing is proven of delayed values"):
         xd.enclose(model, until="1 s")
     with pytest.raises(xd.InputError, match="known along a march alone"):
@@ -467,3 +468,14 @@ def test_refinement_and_diagnosis() -> None:
     )
     assert float(study["order_y"][1, 0]) == pytest.approx(4.0, abs=0.01)
     assert float(xd.diagnose(decay(rtol=1e-9))["maximum_y"]) == 1.0
+
+
+def test_members_of_sweeps_have_their_own_past() -> None:
+    """Assert that ends and events of members are those of single runs, bit for bit, whatever their delay is."""
+    model, settings = spring("-k*delayed(x, tau)"), {"method": "dop853", "rtol": 1e-9, "until": "3 s"}
+    delays, rates = ["0.2 s", "0.31 s"], ["1 N m-1", "3 N m-1"]
+    swept = xd.sweep(model, axes={"tau": delays, "k": rates}, keep=["end"], **settings)
+    for i, tau in enumerate(delays):
+        for j, k in enumerate(rates):
+            run = xd.simulate(model.replace(parameters={"tau": tau, "k": k}), **settings)
+            assert float(swept.end_x[i, j]) == float(run.x[-1])

@@ -236,7 +236,7 @@ def _si(model: Model, name: str) -> str:
 
 
 def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False) -> Runs:
-    """March runs one after the other whose every number is the member's own, as where numbers are sums of two floats.
+    """March runs one after the other whose every number is the member's own: sums of two floats, or delays.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
         *(np.stack([getattr(run, name) for run in runs]) for name in ("y", "p", "atol")),
     )
     timed = [{name: model.parameters[name].quantity for name in sorted(model.read_by_points)} for model, _ in members]
-    ends = [k for k in range(1, len(members)) if timed[k] != timed[k - 1]]
+    ends = [k for k in range(1, len(members)) if timed[k] != timed[k - 1] or model.delays]
     try:
         parts = [
             _march(
@@ -284,7 +284,7 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
 def _march(
     member: tuple[Model, Settings], run: Run, log: Log, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool
 ) -> EnsemblePart:
-    if may_slide(*member):
+    if may_slide(*member) or member[0].delays:
         return march_watched(*member, law, inputs, logs=logs)
     n, first = len(inputs[0]), 0
     part = EnsemblePart.of(n, law, inputs[2])

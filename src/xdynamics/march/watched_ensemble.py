@@ -1,4 +1,4 @@
-"""Many runs, each by a march of its own: where switches are too many to be located, and each is watched for sliding."""
+"""Many runs, each by a march of its own: those that may slide along switches that are not located, and those with a past."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROWS = 1 << 12  # of a log, of which two are filled in turn
 def march_watched(
     model: Model, settings: Settings, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool
 ) -> EnsemblePart:
-    """March runs one after the other, each as if alone, and end those that slide along a switch.
+    """March runs one after the other, each as if alone: those that slide along a switch are ended, delays have their past.
 
     Parameters
     ----------

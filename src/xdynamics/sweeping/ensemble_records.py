@@ -247,8 +247,8 @@ def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
     """Return what repeats steps of members side by side; None where only the single run can."""
     layout = settings.layout(model)
     law, single = law_of(layout, sampled=False), of_one_step(model, settings)
-    # a step by series repeats its expansion, too
-    alone = bool(reactions(model)) or law.scheme.method.solver == SERIES
+    # a step by series repeats its expansion, too, and one with delays reads the past of its own run
+    alone = bool(reactions(model)) or law.scheme.method.solver == SERIES or bool(model.delays)
     lanes = 1 if alone else lanes_for(law, single, MANY, None)
     return PartsAbreast(model, single, law, factors_of(model, settings), lanes) if lanes > 1 else None
 

@@ -15,7 +15,6 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Runs, Settings, march_each, march_many
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
-from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.log import Room
 from xdynamics.march.root_methods import EARLIEST_FIRST
 from xdynamics.methods import METHODS
@@ -74,8 +73,8 @@ class Group:
         return replace(self, places=self.places[remaining], arrays=self._arrays(remaining), at=self.at[remaining])
 
     def marched(self, which: slice, *, logs: bool | Sequence[str], room: Room | None = None) -> Runs:
-        """March some of the members; sums of two floats are read of each member's own texts."""
-        if self.settings.precision == FLOAT64:
+        """March some of the members; sums of two floats, and the past of delays, are each member's own."""
+        if self.settings.precision == FLOAT64 and not self.model.delays:
             return march_many(self.model, self.settings, **self._arrays(which), logs=logs, room=room)
         grid, samples = self.grid, self.settings.samples
         members = [(grid.model_of(at), replace(grid.settings_of(at), samples=samples)) for at in self.at[which]]
@@ -154,7 +153,6 @@ class SweepGrid:
         InputError
             If a member cannot be marched; it is named.
         """
-        check_alone(self.model)
         sizes = [size if k in self.words else 1 for k, size in enumerate(self.shape)]
         for at in np.ndindex(*sizes):
             try:

@@ -310,3 +310,20 @@ def test_jumps_and_coincident_events_stay_events(tmp_path: Path) -> None:
     run = xd.simulate(model, method="rk4", step=0.1, until=3.0, switches="landed on")
     assert sorted(words(run)) == [("middle", "crossing"), ("spring.force", "regime_switch")]
     assert run.attrs["run_kinks_landed_on"] == 3
+
+
+def test_a_tick_that_meets_a_kink_acts_once(tmp_path: Path) -> None:
+    """Assert that a controller counts its ticks where points of a table are landed on at the same instants."""
+    rows = [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.5, 0.0), (3.0, 0.0)]
+    measured(tmp_path, rows, x="0 m", v="1 m s-1")
+    counter = """[controllers.counter]
+every = "0.5 s"
+states = { n = { unit = "1", start = "0", next = "n + 1" } }
+outputs = { u = { unit = "N", start = "0 N", value = "0*newton" } }
+"""
+    (tmp_path / "model.toml").write_text((tmp_path / "model.toml").read_text() + counter)
+    model = xd.Model.from_toml(tmp_path / "model.toml")
+    for choice in ("landed on", "located"):
+        run = xd.simulate(model, method="rk4", step=0.1, until=1.7, switches=choice)
+        assert float(run.n[-1]) == 4.0
+        assert float(run.x[-1]) == pytest.approx(1.7, rel=1e-14)

@@ -32,12 +32,18 @@ def tick_at_start(run: Run) -> None:
 @shared
 def tick_at_end(run: Run) -> bool:
     """Let controllers act at the end of a trial, if it is a tick; whether it is."""
-    now, trial = run.now[0], run.trial[0]
-    if run.ticks.shape[0] == 0 or trial.landing not in (AT_NODE, AT_BOTH) or run.ticks[now.node + 1] == 0:
+    if not ticks_at_end(run):
         return False
-    change(run, run.ticks[now.node + 1], trial.t, run.z)
-    evaluate(run, trial.t, run.z)
+    change(run, run.ticks[run.now[0].node + 1], run.trial[0].t, run.z)
+    evaluate(run, run.trial[0].t, run.z)
     return True
+
+
+@shared
+def ticks_at_end(run: Run) -> bool:
+    """Whether controllers act at the end of a trial that reaches its node."""
+    landed = run.ticks.shape[0] > 0 and run.trial[0].landing in (AT_NODE, AT_BOTH)
+    return bool(landed and run.ticks[run.now[0].node + 1] != 0)
 
 
 @shared

@@ -20,7 +20,7 @@ from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
 from xdynamics.march.events.root_finding import is_plain, locate
 from xdynamics.march.events.switch_sides import keep_sides, slides
-from xdynamics.march.events.ticks import ring, rings_at_end, tick_at_end
+from xdynamics.march.events.ticks import ring, rings_at_end, tick_at_end, ticks_at_end
 from xdynamics.march.events.zero_tests import NONE, resolution
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import finite_state, settle
@@ -100,7 +100,7 @@ def note_both_sides(run: Run, reached: bool) -> None:
     row_before = run.now[0].rows
     if run.delays.shape[0] > 0:
         note_past(run)
-    if run.plan[0].passing > 0 and passes_kinks(run):
+    if run.plan[0].passing > 0 and passes_kinks(run, reached):
         pass_kinks(run, reached, row_before)
         return
     if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
@@ -121,13 +121,13 @@ def note_both_sides(run: Run, reached: bool) -> None:
 
 
 @shared
-def passes_kinks(run: Run) -> bool:
+def passes_kinks(run: Run, reached: bool) -> bool:
     """Whether nothing happens at the trial's end but kinks at points of tables."""
     for i in range(run.detectors.shape[0]):
         detector = run.detectors[i]
         if run.watches[i].hit != NONE and (detector.role != KINK or detector.drive < 0):
             return False
-    return not tick_at_end(run)
+    return not (reached and ticks_at_end(run))
 
 
 @shared
