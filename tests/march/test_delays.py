@@ -424,11 +424,8 @@ def test_wrong_settings_are_refused(settings: dict[str, Any], said: str) -> None
 
 
 def test_other_verbs_say_what_they_cannot() -> None:
-    """Assert that proofs and modes refuse delayed values, sweeps those inside steps, and what makes a delay wrong."""
+    """Assert that proofs and modes refuse delayed values, and that a parameter may make a delay wrong."""
     model = spring("-k*delayed(x, tau)")
-    asked = {"axes": {"k": ["1 N m-1", "2 N m-1"]}, "keep": ["end", "x"], "times": ["0.5 s"]}
-    with pytest.raises(xd.InputError, match="'x' is read inside steps"):
-        xd.sweep(model, **asked, method="rk4", step="0.1 s", until="1 s")
     with pytest.raises(xd.InputError, match="nothing is proven of delayed values"):
         xd.enclose(model, until="1 s")
     with pytest.raises(xd.InputError, match="known along a march alone"):
@@ -471,11 +468,28 @@ def test_refinement_and_diagnosis() -> None:
 
 
 def test_members_of_sweeps_have_their_own_past() -> None:
-    """Assert that ends and events of members are those of single runs, bit for bit, whatever their delay is."""
+    """Assert that ends of members, values inside steps and extremes are those of single runs, bit for bit."""
     model, settings = spring("-k*delayed(x, tau)"), {"method": "dop853", "rtol": 1e-9, "until": "3 s"}
     delays, rates = ["0.2 s", "0.31 s"], ["1 N m-1", "3 N m-1"]
-    swept = xd.sweep(model, axes={"tau": delays, "k": rates}, keep=["end"], **settings)
+    swept = xd.sweep(
+        model, axes={"tau": delays, "k": rates}, keep=["end", "x", "maximum_x"], times=["1.1 s"], **settings
+    )
     for i, tau in enumerate(delays):
         for j, k in enumerate(rates):
             run = xd.simulate(model.replace(parameters={"tau": tau, "k": k}), **settings)
             assert float(swept.end_x[i, j]) == float(run.x[-1])
+            assert float(swept.x[i, j, 0]) == float(xd.sample(run, ["1.1 s"]).x[0])
+            assert float(swept.maximum_x[i, j]) == float(xd.diagnose(run).maximum_x)
+
+
+def test_budgets_vary_a_delay() -> None:
+    """Assert that the slope of y' = -k y(t - tau) by its delay and its rate is that of the method of steps."""
+    model = xd.Model.from_text(
+        'name = "decay"\n[parameters]\ntau = "1 ± 0.001 s"\nk = "1 ± 0.002 s-1"\n[states.y]\nunit = "1"\n'
+        'rate = "-k*delayed(y, tau)"\n[initial]\ny = "1"\n'
+    )
+    budget = xd.error_budget(model, quantity="y", at="2.5 s", method="dop853", rtol=1e-11, until="2.6 s")
+    slopes = dict(zip(budget.term_name.values.tolist(), budget.sensitivity.values.tolist(), strict=True))
+    # y(2.5) = 1 - 2.5 k + k**2 (2.5 - tau)**2/2 - k**3 (2.5 - 2 tau)**3/6
+    assert slopes["tau"] == pytest.approx(-1.5 + 0.5**2, rel=1e-5)
+    assert slopes["k"] == pytest.approx(-2.5 + 1.5**2 - 0.5**3 / 2, rel=1e-5)

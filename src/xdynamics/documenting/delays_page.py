@@ -28,9 +28,9 @@ or a switch, it has a smoother one a delay later, two delays later, and so on: t
 them all, as nodes, as long as the method can tell them from none (solver_breaking_points).
 
 A record without all of its rows, as by keep_every, is reproduced and extended, but not sampled.
-Sweeps keep ends, events and outcomes of members, each marched alone, and no values between rows, so
-that budgets and fits by parameters refuse. Proofs, modes, variational equations, constraints,
-bodies, precision = "double_double" and models with dimensions do not go with delays, and say so.
+Members of sweeps are marched one after the other, and slopes of budgets and fits are differences.
+Proofs, modes, variational equations, precision = "double_double", constraints, bodies and models
+with dimensions do not go with delays, and say so.
 
 """
 

@@ -17,7 +17,7 @@ from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Pacing, Runs, Settings
-from xdynamics.march.dense_output import PartsAbreast, rows_of_times, states_within
+from xdynamics.march.dense_output import PartsAbreast, past_of, rows_of_times, states_within
 from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods.steppers import SERIES
 from xdynamics.model import Model
@@ -26,9 +26,9 @@ from xdynamics.model.motion import constants, read_by
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
-from xdynamics.record.run_columns import columns_of
+from xdynamics.record.run_columns import columns_of, state_name
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.units import parse_unit
+from xdynamics.units import parse_unit, spell
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -126,6 +126,8 @@ class Harvest:
         """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
         time, wanted = self["time"], step_columns(self.model, self.settings, rows, following)
         columns = np.stack([self[name][chosen] for name, chosen in wanted])
+        if self.model.delays:
+            return self._with_past(members, np.stack([times, time[rows], time[following]]), columns, judged=judged)
         return states_within(
             self.model,
             of_one_step(self.model, self.settings),
@@ -139,6 +141,28 @@ class Harvest:
             parameters=self.runs.parameters[:, : (1 + self.layout.is_doubled) * len(constants(self.model))],
             runs=members,
         )
+
+    def _with_past(self, members: Rows, where: Floats, columns: Floats, *, judged: bool) -> Floats:
+        """Repeat steps of one member after the other, each with the past that its own rows leave."""
+        settings, factors = of_one_step(self.model, self.settings), factors_of(self.model, self.settings)[:, None]
+        law, found = law_of(self.layout, sampled=False), np.empty((2 * self.layout.used.size, members.size))
+        names = ("time", "step_size", "regime", "row_kind", *map(state_name, reactions(self.model)), *self.layout.used)
+        for member in np.unique(members).tolist():
+            at, rows = members == member, slice(*self.runs.first_row[member : member + 2].tolist())
+            model = self._model_of(member, rows.start)
+            past = past_of(model, settings, law, np.stack([self[name][rows].astype(float) for name in names]), factors)
+            inside = where[:, at], columns[:, at], factors
+            found[:, at] = states_within(model, settings, law, *inside, reintegrated=True, judged=judged, past=past)
+        return found
+
+    def _model_of(self, member: int, row: int) -> Model:
+        """Return a member's own model, that begins with its first row."""
+        model, si = self.model, {name: spell(dimension).text for name, dimension in self.model.dimensions.items()}
+        own = self._own(np.array([member]), frozenset(model.parameters))
+        starts = {name: f"{self[name][row].item()!r} {self.columns[name].variable.units}" for name in self.layout.used}
+        starts["t"] = f"{self['time'][row].item()!r} {model.time_unit.text}"
+        parameters = {name: f"{value[0].item()!r} {si[name]}" for name, value in own.items()}
+        return model.replace(parameters=parameters, initial=starts) if parameters else model.replace(initial=starts)
 
     def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
         """Evaluate all members at times; return member and time index of each, the states, and the row stepped from."""

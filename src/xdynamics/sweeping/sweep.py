@@ -117,7 +117,6 @@ def sweep(
     if grid.recording and (first := march_of(grid, (0,) * len(grid.shape))):
         record.columns(first)  # refuses unknown columns
     _check_times(plan)
-    _check_delays(plan)
     if plan.keeping.whole and path is None:
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
     members = None if members_per_task is None else _count(members_per_task)
@@ -167,15 +166,6 @@ def _check_times(plan: Plan) -> None:
     if outside := [entry for entry in times.tolist() if not begin <= entry <= end]:
         raise InputError(
             f"times has {outside[0]!r}{second}, and the runs are from t = {begin!r}{second} to until = {end!r}{second}"
-        )
-
-
-def _check_delays(plan: Plan) -> None:
-    """Refuse what is read inside the steps of members with delays, whose past is not kept."""
-    if plan.grid.model.delays and (inside := [kept.name for kept in plan.variables if kept.reads]):
-        raise InputError(
-            f"'{inside[0]}' is read inside steps, and members with delayed values keep no past to repeat them by; keep 'end',"
-            " events and outcomes, or sample each run: sample(simulate(model.replace(parameters={…}), …), times)"
         )
 
 
