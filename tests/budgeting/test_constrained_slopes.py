@@ -88,3 +88,15 @@ def test_the_time_of_an_event_has_slopes_on_a_rod() -> None:
     slopes = slopes_along(run, model, Target("t", event="low", occurrence=1), ["g", "L"])
     assert slopes["g"] == pytest.approx(-time / (2 * 9.81), rel=1e-8)  # t ~ sqrt(L/g)
     assert slopes["L"] == pytest.approx(time / (2 * 1.5), rel=1e-8)
+
+
+def test_exponents_of_a_rod_with_drag_are_those_of_its_angle() -> None:
+    """Assert that a constrained motion has two exponents per freedom, both -c/(2 m) about rest, and none of the rod."""
+    resting = ROD.replace('x = "1.5 ± 0.002 m"\ny = "0 m"', 'x = "0 m"\ny = "-1.5 m"').replace("v_y = ", "v_z = ")
+    resting = resting.replace('v_x = "0 m s-1"\nv_z = "-1 ± 0.01 m s-1"', 'v_x = "0 m s-1"\nv_y = "0 m s-1"')
+    run = xd.simulate(xd.Model.from_text(resting), method="dop853", rtol=1e-10, until="60 s")
+    found = xd.diagnose(run, lyapunov=True)
+    assert found.lyapunov_exponents.values == pytest.approx([-0.075, -0.075], abs=1e-3)
+    assert float(found.lyapunov_exponents.sum()) == pytest.approx(-0.15, abs=1e-4)
+    lazily = xd.diagnose(run, lyapunov=True, compute=False, occurrences=3)
+    assert lazily.lyapunov_exponents.shape == (2,)

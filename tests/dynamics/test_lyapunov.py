@@ -196,7 +196,7 @@ def test_vectors_are_taken_apart_as_q_and_r(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_growth_is_noted_of_each_block_and_of_all() -> None:
     """Assert factors, powers of 2**332 above and below, and the product of all triangles."""
-    tangent = _tangent(3, 2, 7.0)
+    tangent = _tangent(np.eye(3), 2, 7.0)
     assert tangent.pace.tolist() == [7.0]
     assert tangent.state[1:] @ tangent.state[1:].T == pytest.approx(np.eye(2), abs=1e-14)
     assert (tangent.state[1:] != 0.0).all()
@@ -215,7 +215,7 @@ def test_growth_is_noted_of_each_block_and_of_all() -> None:
     assert grown.exponents[0].tolist() == [1, -1]
     assert int(tangent.exponents[0]) == 1
     assert float(tangent.total[0, 0]) == pytest.approx(32.0 * 2.0**68)
-    small = _tangent(3, 2, 7.0)
+    small = _tangent(np.eye(3), 2, 7.0)
     for _ in range(2):
         small.upper[:] = np.diag([2.0**-200, 2.0**-210])
         plain(growth.note)(small, grown, 0)
@@ -229,7 +229,7 @@ def test_stages_and_ends_are_those_of_dop853() -> None:
     assert scheme.b.sum() == pytest.approx(1.0)
     assert scheme.a.sum(axis=1) == pytest.approx(scheme.c, abs=1e-14)
     assert (scheme.fifth.sum(), scheme.third.sum()) == pytest.approx((0.0, 0.0), abs=1e-14)
-    tangent = _tangent(3, 2, 1.0)
+    tangent = _tangent(np.eye(3), 2, 1.0)
     tangent.state[0] = rng.normal(size=3)
     tangent.slopes[:] = rng.normal(size=tangent.slopes.shape)
     error = plain(growth.finish)(scheme, tangent, -0.5)
@@ -275,7 +275,10 @@ def test_pieces_are_as_long_as_their_errors_allow(monkeypatch: pytest.MonkeyPatc
 
     def carried(t: float, t1: float, pieces: int = 99, pace: float = 1.0) -> tuple[int, Any, Any]:
         asked.clear()
-        tangent, grown = _tangent(3, 2, pace), growth.Grown(np.ones((2, 2)), np.zeros((2, 2), np.int64), np.zeros(2))
+        tangent, grown = (
+            _tangent(np.eye(3), 2, pace),
+            growth.Grown(np.ones((2, 2)), np.zeros((2, 2), np.int64), np.zeros(2)),
+        )
         return carry(None, _scheme(pieces), tangent, grown, 1, t, t1), tangent, grown
 
     came, tangent, grown = carried(0.0, 1.0)
@@ -284,7 +287,7 @@ def test_pieces_are_as_long_as_their_errors_allow(monkeypatch: pytest.MonkeyPatc
     assert (int(tangent.pieces[0]), float(tangent.pace[0])) == (6, 0.25)
     assert grown.errors == pytest.approx([0.0, 1e-8 / 0.3])
     assert grown.factors == pytest.approx(np.array([[1.0, 1.0], [math.e, math.e]]))
-    assert tangent.state[0] == pytest.approx(math.e * _tangent(3, 2, 1.0).state[0])
+    assert tangent.state[0] == pytest.approx(math.e * _tangent(np.eye(3), 2, 1.0).state[0])
     assert [carried(0.0, 1.0, pieces)[0] for pieces in (5, 6)] == [growth.STIFF, growth.DONE]
     most[0] = 1e6
     assert carried(0.0, 0.7, pace=0.1)[0] == growth.DONE
@@ -327,7 +330,7 @@ def test_a_time_is_of_the_largest_exponent(doubts: list[float], time: float, mon
 
 def test_events_act_in_units_of_each_variable() -> None:
     """Assert the matrix of an event on vectors whose places are over the variables' sizes; the state stays."""
-    tangent, sizes = _tangent(3, 2, 1.0), np.array([2.0, 0.5, 10.0])
+    tangent, sizes = _tangent(np.eye(3), 2, 1.0), np.array([2.0, 0.5, 10.0])
     matrix, before = np.arange(9.0).reshape(3, 3) - 4.0, tangent.state.copy()
     law = growth.GrowthLaw(*([None] * 12), sizes, None, 1, 0.0)  # type: ignore[arg-type]
     plain(growth.cross)(law, matrix, tangent)

@@ -16,7 +16,6 @@ from xdynamics.dynamics.variational import (
     Equations,
     NotVariedError,
     Variations,
-    refuse_constraints,
     refuse_delays,
     refuse_ticks,
     touches,
@@ -31,9 +30,11 @@ from xdynamics.kernels.program import AT, TABLE, WORDS, Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.derivatives import jacobian
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, inputs_of, tables_of, variables
 from xdynamics.model.switches import STEPPED_OVER, jumping_switches, switch_inputs, watched_by
+from xdynamics.model.tangent_space import tangent_space
 from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of
 from xdynamics.runtime.cached_properties import cached_property
@@ -103,7 +104,10 @@ class RunPath:
         if not np.isfinite(self.states).all():
             raise NotVariedError("a state is no number")
         refuse_ticks(model)
-        refuse_constraints(model)
+        if model.constraints and (model.contacts or any(event.reset for event in model.events.values())):
+            raise NotVariedError(f"constraint '{next(iter(model.constraints))}' answers to impacts and resets")
+        if beyond_trees(model):
+            raise NotVariedError(f"constraints couple {len(model.coordinates)} coordinates")
         refuse_delays(model)
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
@@ -137,6 +141,17 @@ class RunPath:
         """States at the rows, SI, shape (rows, n)."""
         units, names = self.model.units, variables(self.model)
         return np.stack([np.asarray(self.run[name], float) * float(units[name].factor) for name in names], axis=1)
+
+    @cached_property
+    def changes(self) -> Floats:
+        """Independent changes of the first state that keep constraints, in units of the variables, as columns."""
+        state = {"t": float(self.times[0])} | dict(zip(variables(self.model), self.states[0].tolist(), strict=True))
+        values = inputs_of(self.model, state, constants(self.model), tables_of(self.model))
+        return (
+            np.asarray(tangent_space(self.model, values) / self.sizes[:, None])
+            if self.model.constraints
+            else np.eye(self.size)
+        )
 
     @cached_property
     def sizes(self) -> Floats:

@@ -16,6 +16,7 @@ from xdynamics.dynamics.growth import DONE, GROWTH, LOST, STAGES
 from xdynamics.dynamics.growth_arrays import Grown, GrowthScheme, Rows, Tangent
 from xdynamics.dynamics.path import RunPath
 from xdynamics.dynamics.variational import NotVariedError
+from xdynamics.elementary.arrays import product
 from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
 from xdynamics.methods.tableau import differences
@@ -82,10 +83,11 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
     path = RunPath(run, functions)
     path.check()
     n = path.size
-    m = count_of(n, vectors)
+    allowed = path.changes
+    m = count_of(allowed.shape[1], vectors)
     rows, times = path.rows, path.block_times
     law, references = path.law()
-    tangent = _tangent(n, m, float(rows.times[-1] - rows.times[0]))
+    tangent = _tangent(allowed, m, float(rows.times[-1] - rows.times[0]))
     grown = Grown(np.ones((len(times) - 1, m)), np.zeros((len(times) - 1, m), np.int64), np.zeros(len(times) - 1))
     scheme = _scheme(PIECES + PIECES_PER_ROW * len(rows.times))
     for chunk in _chunks(rows):
@@ -131,12 +133,15 @@ def _chunks(rows: Rows) -> Iterator[Rows]:
         )
 
 
-def _tangent(n: int, m: int, pace: float) -> Tangent:
-    """Return m orthonormal vectors that mix all axes, so that none is orthogonal to a growing direction."""
-    state = np.zeros((1 + m, n))
+def _tangent(allowed: Floats, m: int, pace: float) -> Tangent:
+    """Return m orthonormal vectors that mix all changes allowed, so that none is orthogonal to a growing direction."""
+    n, changes = allowed.shape
+    mixing = np.zeros((m, changes))
     for c in range(m):
-        for i in range(n):  # rows of a Hilbert matrix plus the unit matrix: independent, and none has a zero
-            state[1 + c, i] = float(c == i) + 1.0 / (c + i + 2.0)
+        for i in range(changes):  # rows of a Hilbert matrix plus the unit matrix: independent, and none has a zero
+            mixing[c, i] = float(c == i) + 1.0 / (c + i + 2.0)
+    state = np.zeros((1 + m, n))
+    state[1:] = mixing if n == changes else product(mixing, allowed.T)
     buffers = np.zeros_like(state), np.zeros_like(state), np.zeros((STAGES, 1 + m, n))
     upper = np.zeros((m, m))
     plain: Any = getattr(growth.orthonormalise, "py_func", growth.orthonormalise)

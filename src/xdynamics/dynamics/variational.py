@@ -68,17 +68,6 @@ def refuse_delays(model: Model) -> None:
         raise NotVariedError("its forces read delayed values")
 
 
-def refuse_constraints(model: Model) -> None:
-    """Refuse a model that is kept by constraints, of which variational equations know nothing.
-
-    Raises
-    ------
-    NotVariedError
-    """
-    if model.constraints:
-        raise NotVariedError(f"constraint '{next(iter(model.constraints))}' moves what is varied")
-
-
 def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
     """Return the names by which expressions are differentiated: time, variables, inputs, and drives by their slopes."""
     own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}

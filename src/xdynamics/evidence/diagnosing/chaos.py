@@ -15,6 +15,7 @@ from xdynamics.evidence.evidence_dataset import about
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.motion import variables as variables_of
+from xdynamics.model.tangent_space import count_of_changes
 from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 from xdynamics.units.digits import with_uncertainty
 
@@ -80,7 +81,8 @@ def described(unit: str, model: Model, *, wanted: bool | int) -> dict[str, Any]:
     """
     check_count(wanted)
     size = len(variables_of(model))
-    several = np.full(count_of(size, None if wanted is True else int(wanted)), np.nan)
+    changes = count_of_changes(model) if model.constraints else size
+    several = np.full(count_of(changes, None if wanted is True else int(wanted)), np.nan)
     numbers = dict.fromkeys((LYAPUNOVS, LYAPUNOV_UNCERTAINTY), several)
     return _variables(unit, numbers | dict.fromkeys(IN_WORDS, np.nan), {"variables": size})
 
