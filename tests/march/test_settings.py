@@ -74,7 +74,7 @@ CHOSEN: dict[str, Any] = {"tolerances": tolerances(), "estimator": "embedded"}
         ({"jacobian": "guess"}, "jacobian is 'guess'; there are exact, differences"),
         ({"jacobian": "differences"}, "jacobian = 'differences' is for radau_iia, and the method is 'dormand_prince'"),
         ({"summation": "exact"}, "summation is 'exact'; there are plain, compensated"),
-        ({"switches": "ignored"}, "switches is 'ignored'; there are 'located', 'stepped over'"),
+        ({"switches": "ignored"}, "switches is 'ignored'; there are 'located', 'landed on', 'stepped over'"),
         (
             {"estimator": "guess"},
             "estimator is 'guess'; there are none, embedded, step_doubling, step_doubling_extrapolated",
