@@ -104,6 +104,9 @@ def test_a_hanging_body_swings_in_two_planes() -> None:
     assert squares[-4:] == pytest.approx(np.repeat(about, 2), rel=1e-9)
     assert abs(squares[:-4]).max() < 1e-9
     assert abs(found.eigenvalue_real).max() < 1e-6
+    assert found.frequency.values == pytest.approx([0.0, *np.sqrt(about)], rel=1e-12)
+    shapes = found.shape_rod_turn.values
+    np.testing.assert_allclose(abs(shapes), np.eye(3)[[2, 1, 0]], atol=1e-12)
 
 
 def test_modes_of_a_constrained_model_are_described_before_they_are_computed() -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
+from xdynamics.model.bodies import unit_quaternions
 from xdynamics.model.derivatives import jacobian, tape
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, inputs_of, tables_of, variables
@@ -32,7 +33,7 @@ class Linearisation:
     names : tuple of str
         Coordinates, velocities, first-order states: the rows and columns of `jacobian`.
     mass, stiffness : ndarray, shape (n, n)
-        M, K = -dF/dq + (dM/dq) a for the n coordinates.
+        M, K = -dF/dq + (dM/dq) a for the n coordinates; attitudes of bodies go with how far these have turned.
     acceleration : ndarray, shape (n,)
         M^-1 F at the state; zero where it is an equilibrium.
     jacobian : ndarray, shape (2n + m, 2n + m)
@@ -100,6 +101,7 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
     constant_values, tables, names, places = constants(model), tables_of(model), variables(model), jacobian(model)
     n, column_of = len(model.coordinates), {name: i for i, name in enumerate(names)}
     mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
+    attitudes = [column_of[part] for parts in unit_quaternions(model.shaped.bodies, model.shapes) for part in parts]
     row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
     for state in states:
         values = inputs_of(model, _checked(model, state), constant_values, tables)
@@ -115,8 +117,9 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
         for place, entry in mass.items():
             matrix[place] = evaluate(entry, values)
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
+        stiffness = 0.0 - slopes[:, :n] - slopes[:, attitudes] @ full_jacobian[attitudes, n : 2 * n]
         spaces = displacements(model, values), tangent_space(model, values)
-        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], a, full_jacobian, *spaces)
+        yield Linearisation(names, matrix, stiffness, a, full_jacobian, *spaces)
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
