@@ -222,7 +222,12 @@ def test_elements_and_wholes_are_replaced() -> None:
         ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0], [0, nan]]", "nan is not finite"),
         ("sum(m*v_r, body)", "r[Satrun, x]", "has no element Satrun; .* did you mean Saturn?"),
         ("sum(m*v_r, body)", "r[3, x]", "dimension 'body' has no element 3"),
-        ("sum(m*v_r, body)", "r[Sun]", "'r' has the dimensions body, axis; write an entry for each"),
+        ("sum(m*v_r, body)", "r[Sun]", "'r' has the dimensions body, axis; write an entry for each$"),
+        (
+            "sum(m*v_r, body)",
+            "r[y]",
+            r"write an entry for each, or for all along body dot\(r, e, axis\), where \[parameters\] e = .*value = \[0, 1\] }$",
+        ),
         (
             "sum(m*v_r, body)",
             "r[x, Sun]",

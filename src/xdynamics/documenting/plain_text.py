@@ -15,7 +15,14 @@ from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import held, limited
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.parts import Function
-from xdynamics.model.switches import are_too_many, count_of_switches, owners_of_switches, switches
+from xdynamics.model.switches import (
+    MANY_POINTS,
+    are_too_many,
+    count_of_switches,
+    landed_on_by_default,
+    owners_of_switches,
+    switches,
+)
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.units import unit_suffix
@@ -133,8 +140,14 @@ def _occasions(model: Model) -> Iterator[str]:
     if are_too_many(model):
         owners = ", ".join(owners_of_switches(model))
         yield f"switches  {count_of_switches(model)} in {owners}: kinks and jumps inside forces, which are stepped over"
-    elif hidden := [switch.name for switch in switches(model)]:
-        yield f"switches  {', '.join(hidden)}: kinks and jumps inside forces, which are located"
+    else:
+        tables = landed_on_by_default(model)
+        for names, fate in (
+            ([switch.name for switch in switches(model) if switch.name not in tables], "located"),
+            ([*tables], f"landed on at points of tables, as there are over {MANY_POINTS} of them"),
+        ):
+            if names:
+                yield f"switches  {', '.join(names)}: kinks and jumps inside forces, which are {fate}"
 
 
 def _scales(model: Model) -> Iterator[str]:

@@ -91,7 +91,7 @@ def parse(text: str, own: OwnFunctions | None = None) -> Node:
     '-c*v_y*abs(v_y)'
     """
     if not isinstance(text, str):
-        raise InputError(f"expression {text!r} is no text")
+        raise InputError(f"expression {text!r} is no text; write it in quotes, like '2*x', with nothing beside it")
     source = text.strip()
     try:
         return _read(source, own)

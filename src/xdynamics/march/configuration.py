@@ -29,9 +29,9 @@ from xdynamics.model.switches import (
     LANDED_ON,
     LOCATED,
     LOCATED_EVERYWHERE,
-    MANY_POINTS,
     STEPPED_OVER,
     landed_on,
+    landed_on_by_default,
     watched_switches,
 )
 from xdynamics.model.table_keys import near
@@ -284,8 +284,7 @@ def _switches(model: Model, choice: str | None) -> str:
     """Return how to treat hidden switches: located only if there are any, everywhere only if some are nested."""
     watched, tables = watched_switches(model), landed_on(model).values()
     if not choice:
-        many = any(len(model.drives[name].table.argument) > MANY_POINTS for name in tables)
-        choice = LANDED_ON if many else LOCATED
+        choice = LANDED_ON if landed_on_by_default(model) else LOCATED
     if choice == LANDED_ON and not tables:
         choice = LOCATED
     if choice == LOCATED_EVERYWHERE and not any(switch.nested for switch in watched):

@@ -91,7 +91,10 @@ def undefined(march: March) -> str:
         evaluable = [tree for tree in trees if not free_names(tree) - set(values)]
         if not all(isfinite(evaluate(tree, values)) for tree in evaluable):
             kind = "gap of contact" if reaction.sort == NORMAL else "slip or friction of"
-            return f"the {kind} '{reaction.owner}', or a derivative of it, is not finite there"
+            return (
+                f"the {kind} '{reaction.owner}', or a derivative of it, is not finite there; a square root, hypot or norm"
+                " has no derivative where it is 0: of a bore, (c**2 - x**2 - y**2)/(2*c) has one everywhere"
+            )
     return ""
 
 

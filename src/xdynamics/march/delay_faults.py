@@ -11,7 +11,6 @@ from xdynamics.expressions import expand, free_names, text_of
 from xdynamics.faults import InputError
 from xdynamics.march.past_arrays import delay_times
 from xdynamics.methods.scheme import FLOAT64
-from xdynamics.methods.steppers import LINES
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import tables_of
@@ -71,10 +70,8 @@ def _of_steps(settings: Any, shortest: float, second: str) -> list[str]:
 
 
 def _of_methods(settings: Any) -> list[str]:
-    """Refuse methods whose steps are more than lines, and those that interpolate by too low an order."""
+    """Refuse estimators by which steps are of a higher order than what they interpolate by."""
     method, scheme = settings.method, settings.scheme
-    if method.stepper != LINES:
-        return [f"method '{method.name}' has no delayed values in its steps; take dop853, dormand_prince or rk4"]
     if scheme.order > scheme.interpolant.order + 1:
         estimated = f" with estimator = '{settings.estimator}'" if scheme.steps > 1 else ""
         left = f"errors of h**{scheme.interpolant.order + 1}, which would be all that is left of it"

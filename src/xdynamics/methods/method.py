@@ -105,7 +105,21 @@ class Method:
         refused = [trait for trait in self.refuses if trait in traits]
         if by_differences and DIFFERENCES in self.stepper.jacobians:
             refused = [trait for trait in refused if trait not in (Trait.PYTHON_FORCES, Trait.CONTACTS)]
-        return [f"it is not defined for {trait} ({traits[trait]})" for trait in refused]
+        return [
+            *(f"it is not defined for {trait} ({traits[trait]})" for trait in refused),
+            *self._refusals_of_delays(model),
+        ]
+
+    def _refusals_of_delays(self, model: Model) -> list[str]:
+        """List why the method cannot read its own past: its steps read none, or would by too low an order."""
+        if not model.delays:
+            return []
+        if self.stepper != LINES:
+            return ["its steps do not read delayed values"]
+        if self.order > self.interpolant.order + 1:
+            left = f"errors of h**{self.interpolant.order + 1}, which would be all that is left of it"
+            return [f"it is of order {self.order}, and delayed values are interpolated with {left}"]
+        return []
 
 
 def unknown_method(name: str, methods: Mapping[str, Method]) -> str:

@@ -226,6 +226,13 @@ def landed_on(model: Model) -> dict[str, str]:
     return {switch.name: switch.drive for switch in watched_switches(model) if switch.drive and not switch.jumps}
 
 
+def landed_on_by_default(model: Model) -> dict[str, str]:
+    """Return the tables that are landed on if nothing else is asked for: all, where one has many points; else none."""
+    tables = landed_on(model)
+    many = any(len(model.drives[name].table.argument) > MANY_POINTS for name in tables.values())
+    return tables if many else {}
+
+
 def watched_switches(model: Model) -> tuple[Switch, ...]:
     """Return the switches that a march locates: all, or none if there are too many."""
     return () if are_too_many(model) else switches(model)

@@ -227,7 +227,10 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
     dims = shapes.dims.get(node.name, ())
     if len(node.entries) != len(dims):
         own = f"the dimensions {', '.join(dims)}" if dims else "no dimensions"
-        raise InputError(f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}; write an entry for each")
+        raise InputError(
+            f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}; write an entry for each"
+            f"{_along_the_others(node, dims, shapes)}"
+        )
     extents = [shapes.extent(dim) for dim in dims]
     for entry, extent in zip(node.entries, extents, strict=True):
         elsewhere = [other.name for other in extents if entry in other.labels]
@@ -237,6 +240,18 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
                 f" of '{extent.name}'; in brackets the dimensions are {', '.join(dims)}, in this order"
             )
     return {extent.name: extent.number(entry) for entry, extent in zip(node.entries, extents, strict=True)}
+
+
+def _along_the_others(node: Element, dims: Sequence[str], shapes: Shapes) -> str:
+    """Say how a component of many vectors is written, where one was asked for by its label alone."""
+    labels = shapes.extent(dims[-1]).labels if len(dims) > 1 else ()
+    if len(node.entries) != 1 or node.entries[0] not in labels:
+        return ""
+    unit = ", ".join("1" if label == node.entries[0] else "0" for label in labels)
+    return (
+        f", or for all along {' and '.join(dims[:-1])} dot({node.name}, e, {dims[-1]}), where"
+        f' [parameters] e = {{ dims = ["{dims[-1]}"], value = [{unit}] }}'
+    )
 
 
 def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:

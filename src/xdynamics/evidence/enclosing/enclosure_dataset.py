@@ -193,7 +193,7 @@ def _between(row: xr.Dataset, name: str) -> str:
     width, unit = float((high - low).max()), unit_suffix(str(low.attrs["units"]))
     if low.ndim:
         return f"{low.size} of width {width:.2g}{unit}"
-    return f"{float(low)!r} to {float(high)!r}{unit}, {width:.2g}"
+    return f"{float(low)!r} to {float(high)!r}{unit}, {width:.2g} wide"
 
 
 SUMMARIES = {ENCLOSURE: lines_of}

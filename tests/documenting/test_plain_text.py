@@ -1,0 +1,54 @@
+"""What a checked model says of itself in lines of text."""
+
+from __future__ import annotations
+
+import pytest
+
+import xdynamics as xd
+from xdynamics.documenting.plain_text import lines_of
+from xdynamics.march.configuration import settings_for
+from xdynamics.methods import METHODS
+
+ROAD = """name = "Wheel on a road"
+coordinates = {{ x = {{ unit = "m" }}, z = {{ unit = "m" }} }}
+parameters = {{ m = "45 kg", k = "200 kN m-1" }}
+mass = {{ x = "m", z = "m" }}
+forces.tyre.z = "k*(road - z)"
+drives.road = {{ table = "road.csv", argument = "x", outside = "hold", csv = '''x [m],road [m]
+{rows}''' }}
+initial = {{ x = "0 m", v_x = "15 m s-1", z = "0 m" }}
+"""
+LATE = """name = "Late spring"
+coordinates.x.unit = "m"
+parameters = { m = "1 kg", k = "4 N m-1" }
+mass.x = "m"
+forces.spring.x = "-k*delayed(x, '0.2 s')"
+initial.x = "1 m"
+"""
+
+
+@pytest.mark.parametrize(("points", "fate"), [(20, "located"), (150, "landed on")])
+def test_fate_of_switches_is_that_of_a_run(points: int, fate: str) -> None:
+    """Assert that kinks of short tables are said to be located, and those of long ones landed on, as a run does by default."""
+    rows = "".join(f"{0.1 * row!r},{0.01 * (row % 3)!r}\n" for row in range(points))
+    model = xd.Model.from_text(ROAD.format(rows=rows))
+    said = [line for line in lines_of(model) if line.startswith("switches")]
+    assert len(said) == 1
+    assert f"tyre.road: kinks and jumps inside forces, which are {fate}" in said[0]
+    assert settings_for(model, method="dop853", until="1 s").switches == fate
+
+
+def test_methods_that_take_delays_are_those_that_march_them() -> None:
+    """Assert that a method is offered for delayed values just where settings with it are accepted."""
+    model = xd.Model.from_text(LATE)
+    offered = {line.split()[1].rstrip(":") for line in lines_of(model) if line.startswith("method ")}
+    accepted = set()
+    for name in METHODS:
+        try:
+            settings_for(model, method=name, step="10 ms", until="1 s").check(model)
+        except xd.InputError:
+            continue
+        accepted.add(name)
+    assert offered == accepted
+    assert {"dop853", "rk4", "velocity_verlet"} <= accepted
+    assert not {"taylor", "radau_iia", "yoshida6"} & accepted
