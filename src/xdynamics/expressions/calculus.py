@@ -213,6 +213,14 @@ def add(left: Node, right: Node) -> Node:
     return Binary("-", left, right.operand) if isinstance(right, Negative) else Binary("+", left, right)
 
 
+def total(terms: Sequence[Node]) -> Node:
+    """Return the sum of some terms, in their order."""
+    whole = terms[0]
+    for term in terms[1:]:
+        whole = add(whole, term)
+    return whole
+
+
 def multiply(left: Node, right: Node) -> Node:
     """Return ``left*right`` without zeros, ones and inner signs."""
     if ZERO in (left, right):

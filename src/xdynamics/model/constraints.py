@@ -27,7 +27,7 @@ from xdynamics.expressions import (
     expand,
     free_names,
 )
-from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, total
 from xdynamics.model.constraint_consistency import DEPENDENT, implied_at_start
 from xdynamics.model.implied_conditions import Sharing
 from xdynamics.model.mass import Assignment, factors, less, solved
@@ -124,7 +124,7 @@ def tying(model: Model) -> Iterator[Assignment]:
         for j, other in enumerate(tied[: i + 1]):
             if shared := [name for name in condition.row if name in _reached(model, other)]:
                 terms = [Binary("*", Name(_row(i, name)), Name(_reach(j, name))) for name in shared]
-                yield Assignment(_tied(i, j), _sum(terms))
+                yield Assignment(_tied(i, j), total(terms))
                 entries[i, j] = Name(_tied(i, j))
     yield from _factored(entries, len(tied))
     yield from _sharing(model).null_vectors()
@@ -179,7 +179,7 @@ def attached(model: Model) -> dict[str, Node]:
     read = set[str]().union(*(free_names(condition.residual) for condition in conditions(model)))
     by = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.coordinates}
     return {
-        name: _sum(list(derivatives(model.expanded(state.rate), by).values()))
+        name: total(list(derivatives(model.expanded(state.rate), by).values()))
         for name, state in model.states.items()
         if name in read
     }
@@ -207,7 +207,7 @@ def bound(
     some = [f"_some_{name}" for name in forces] if _sharing(model).lost else forces
     for k, condition in enumerate(tied):
         products = [multiply(Name(_row(k, name)), free[name]) for name in condition.row if name in free]
-        right = Negative(_sum([lags[k], *products]))
+        right = Negative(total([lags[k], *products]))
         before = (Binary("*", Name(_factor(k, p)), Name(f"_part_{forces[p]}")) for p in range(k) if (k, p) in coupled)
         yield Assignment(f"_part_{forces[k]}", less(right, before))
     for k in reversed(range(len(tied))):
@@ -221,7 +221,7 @@ def bound(
             for k, condition in enumerate(tied)
             if name in _reached(model, condition)
         ]
-        yield Assignment(target, _sum([free.get(name, ZERO), *terms]))
+        yield Assignment(target, total([free.get(name, ZERO), *terms]))
 
 
 @lru_cache(maxsize=64)
@@ -255,13 +255,6 @@ def _coupled(model: Model) -> frozenset[tuple[int, int]]:
 def _reached(model: Model, condition: Condition) -> list[str]:
     """Return the coordinates that a multiplier accelerates by itself: all of them through a full mass."""
     return list(model.coordinates) if model.mass_is_full else list(condition.row)
-
-
-def _sum(terms: Sequence[Node]) -> Node:
-    total = terms[0]
-    for term in terms[1:]:
-        total = add(total, term)
-    return total
 
 
 def _row(k: int, name: str) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from xdynamics.expressions import Binary, Call, Compare, Name, Node
-from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, negative
+from xdynamics.expressions.calculus import ONE, ZERO, multiply, negative, total
 from xdynamics.model.mass import Assignment
 from xdynamics.runtime.cached_properties import cached_property
 
@@ -49,7 +49,7 @@ class Sharing:
             lines.append(Assignment(f"_implied{p}", _where_positive(Name(self.inverse_pivots[p]), ZERO, ONE)))
             for i in reversed(range(p)):  # L^T z = 0
                 if terms := [multiply(Name(self.factors[j, i]), raw[j]) for j in raw if (j, i) in self.factors]:
-                    lines.append(Assignment(f"_null{p}_{i}", negative(_sum(terms))))
+                    lines.append(Assignment(f"_null{p}_{i}", negative(total(terms))))
                     raw[i] = Name(f"_null{p}_{i}")
             for q, earlier in vectors.items():
                 lines.append(Assignment(f"_along{p}_{q}", self._part(raw, earlier, q)))
@@ -84,14 +84,7 @@ class Sharing:
 
     def _product(self, a: Mapping[int, Node], b: Mapping[int, Node]) -> Node:
         shared = sorted(a.keys() & b.keys())
-        return _sum([Binary("*", self.weights[i], Binary("*", a[i], b[i])) for i in shared]) if shared else ZERO
-
-
-def _sum(terms: Sequence[Node]) -> Node:
-    total = terms[0]
-    for term in terms[1:]:
-        total = add(total, term)
-    return total
+        return total([Binary("*", self.weights[i], Binary("*", a[i], b[i])) for i in shared]) if shared else ZERO
 
 
 def _where_positive(value: Node, then: Node, otherwise: Node) -> Node:

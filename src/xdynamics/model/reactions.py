@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, dimension_of, expand
-from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.expressions.calculus import ONE, ZERO, multiply, total
 from xdynamics.model.constraints import Condition, bound, conditions, moved
 from xdynamics.model.mass import Assignment, less, solved
 from xdynamics.model.model import Model
@@ -174,13 +174,14 @@ def reacting(model: Model) -> Iterator[Assignment]:
     yield from _eliminated(entries, right, [reaction.name for reaction in acting])
     for c, condition in enumerate(conditions(model)):
         shares = (multiply(Name(_borne(k, c)), Name(reaction.name)) for k, reaction in enumerate(acting))
-        yield Assignment(constraint_force(condition.name), _sum(Name(unloaded(condition)), *shares))
+        yield Assignment(constraint_force(condition.name), total([Name(unloaded(condition)), *shares]))
     for name in model.coordinates:
-        total: Node = Name(free(name))
-        for k, reaction in enumerate(acting):
-            if name in _reached(model, reaction):
-                total = add(total, multiply(Name(_reach(k, name)), Name(reaction.name)))
-        yield Assignment(acceleration(name), total)
+        pulls = [
+            multiply(Name(_reach(k, name)), Name(reaction.name))
+            for k, reaction in enumerate(acting)
+            if name in _reached(model, reaction)
+        ]
+        yield Assignment(acceleration(name), total([Name(free(name)), *pulls]))
 
 
 def pressing(model: Model) -> Iterator[Assignment]:
@@ -191,12 +192,12 @@ def pressing(model: Model) -> Iterator[Assignment]:
         reached = _reached(model, reaction)
         yield from _answering(model, k, reached)
         products = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in reaction.row)
-        yield Assignment(_without(k), _sum(reaction.bias, *products))
+        yield Assignment(_without(k), total([reaction.bias, *products]))
     for k, reaction in enumerate(acting):
         for j, other in enumerate(acting):
             if shared := _meet(model, reaction, other):
-                terms = (Binary("*", Name(_row(k, name)), Name(_reach(j, name))) for name in shared)
-                yield Assignment(_gram(k, j), _sum(*terms))
+                terms = [Binary("*", Name(_row(k, name)), Name(_reach(j, name))) for name in shared]
+                yield Assignment(_gram(k, j), total(terms))
 
 
 def _answering(model: Model, k: int, reached: list[str]) -> Iterator[Assignment]:
@@ -268,12 +269,6 @@ def _reached(model: Model, reaction: Reaction) -> list[str]:
 def _meet(model: Model, reaction: Reaction, other: Reaction) -> list[str]:
     """Return the coordinates through which one reaction is coupled to another."""
     return [name for name in reaction.row if name in _reached(model, other)]
-
-
-def _sum(first: Node, *terms: Node) -> Node:
-    for term in terms:
-        first = add(first, term)
-    return first
 
 
 def _row(k: int, name: str) -> str:
