@@ -117,3 +117,21 @@ def test_modes_of_a_constrained_model_are_described_before_they_are_computed() -
     assert lazily.compute().identical(xd.modes(model))
     run = xd.simulate(xd.Model.from_toml(MODELS / "four_bar.toml"), until="0.5 s")
     assert xd.modes(run, row=-1).sizes["mode"] == 1
+
+
+@pytest.mark.parametrize("faster", [1.0, 100.0])
+def test_eigenvalues_of_what_moves_are_rates(faster: float) -> None:
+    """Assert that a moving pendulum has eigenvalues of its frequency, no growth, and a hundredfold if all is as fast."""
+    model = xd.Model(
+        name="rod",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"g": f"{9.8 * faster**2} m s-2"},
+        mass={"x": "1*kilogram", "y": "1*kilogram"},
+        forces={"weight": {"potential": "1*kilogram*g*y"}},
+        constraints={"rod": {"holds": "hypot(x, y) - 1*metre"}},
+        initial={"x": "0.6 m", "y": "-0.8 m", "v_x": f"{2.4 * faster} m s-1", "v_y": f"{1.8 * faster} m s-1"},
+    )
+    found = xd.modes(model)
+    np.testing.assert_allclose(found.eigenvalue_imag, float(found.frequency[0]) * np.array([-1.0, 1.0]), rtol=1e-12)
+    assert abs(found.eigenvalue_real).max() < 1e-12 * faster
+    assert float(found.frequency[0]) == pytest.approx(faster * math.sqrt(9.8 * 0.8 + 9.0), rel=1e-12)

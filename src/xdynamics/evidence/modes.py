@@ -78,8 +78,8 @@ def modes(
     Notes
     -----
     Goldstein, Classical Mechanics, 3rd ed., chapter 6; Hairer and Wanner, Solving Ordinary Differential Equations II,
-    section IV.2. Away from an equilibrium the modes hold for the moment only, and K includes the part from the change
-    of the mass matrix.
+    section IV.2. Away from an equilibrium the modes hold for the moment only, along the directions that constraints leave
+    then, and K includes the part from the change of the mass matrix and of what constraints hold.
 
     Examples
     --------

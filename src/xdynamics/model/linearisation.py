@@ -55,8 +55,13 @@ class Linearisation:
     @property
     def reduced(self) -> Floats:
         """The Jacobian of the changes that keep the constraints, shape (d, d)."""
-        space = self.changes
-        return self.jacobian if len(space) == space.shape[1] else np.linalg.pinv(space) @ self.jacobian @ space
+        space, n = self.changes, len(self.mass)
+        if len(space) == space.shape[1]:
+            return self.jacobian
+        left = space.T.copy()  # without what velocities follow by: numbers of unlike units are not added
+        follows = np.delete(space, np.s_[n : 2 * n], axis=0).any(axis=0)
+        left[follows, n : 2 * n] = 0.0
+        return left @ self.jacobian @ space
 
 
 def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:

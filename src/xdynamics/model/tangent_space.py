@@ -35,20 +35,32 @@ def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
     -------
     ndarray, shape (2n + m, d)
         Where no condition reads a state and none rolls, d is 2f + m with f = `free_coordinates`: changes of coordinates,
-        with what velocities change by them, then of velocities, then of states. Otherwise an orthonormal basis.
+        with what velocities change by them, then of velocities, then of states. Otherwise changes of (q, x) together, with
+        what velocities change by them, then of velocities. Apart from what follows, either are orthonormal.
     """
     n, size, free = len(model.coordinates), len(variables(model)), free_coordinates(model)
     if not model.constraints:
         return np.eye(size)
     residuals, rates = _gradients(model, values)
-    if not free:
-        return _null_space(np.vstack([residuals, rates]), size - independent(model)[1])
-    moves = _null_space(rates[:, n : 2 * n], free)
-    following = -np.linalg.pinv(rates[:, n : 2 * n], rcond=INDEPENDENT) @ rates[:, :n] @ moves
-    space = np.zeros((size, 2 * free + size - 2 * n))
-    space[:n, :free] = space[n : 2 * n, free : 2 * free] = moves
-    space[n : 2 * n, :free] = following
-    space[2 * n :, 2 * free :] = np.eye(size - 2 * n)
+    ties, others = rates[:, n : 2 * n], np.r_[0:n, 2 * n : size]
+    speeds = _null_space(ties, free or n - independent(model)[0])
+    if free:
+        moves = np.zeros((size - n, free + size - 2 * n))
+        moves[:n, :free], moves[n:, free:] = speeds, np.eye(size - 2 * n)
+    else:
+        moves = _null_space(residuals[:, others], size - independent(model)[1] - speeds.shape[1])
+    following = -np.linalg.pinv(ties, rcond=INDEPENDENT) @ rates[:, others] @ moves
+    return _in_order(moves, following, speeds, free or moves.shape[1])
+
+
+def _in_order(moves: Floats, following: Floats, speeds: Floats, first: int) -> Floats:
+    """Return changes of (q, v, x): some of those of (q, x), with what velocities follow by, velocities, then the rest."""
+    n, count = len(speeds), moves.shape[1] + speeds.shape[1]
+    space = np.zeros((n + len(moves), count))
+    places = np.r_[0:first, first + speeds.shape[1] : count]
+    space[:n, places], space[2 * n :, places] = moves[:n], moves[n:]
+    space[n : 2 * n, places] = following
+    space[n : 2 * n, first : first + speeds.shape[1]] = speeds
     return space
 
 
