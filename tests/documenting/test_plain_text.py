@@ -18,6 +18,28 @@ drives.road = {{ table = "road.csv", argument = "x", outside = "hold", csv = '''
 {rows}''' }}
 initial = {{ x = "0 m", v_x = "15 m s-1", z = "0 m" }}
 """
+LINKS = """name = "Two links"
+[bodies.upper]
+mass = "1 kg"
+inertia = ["1 g m2", "80 g m2", "80 g m2"]
+points = { end = ["0.5 m", "0 m", "0 m"] }
+initial.position = ["0.5 m", "0 m", "0.1 m"]
+[bodies.lower]
+mass = "1 kg"
+inertia = ["1 g m2", "80 g m2", "80 g m2"]
+initial.position = ["1.5 m", "0 m", "0 m"]
+[joints.hip]
+hinge = ["space", "upper"]
+at = [["0 m", "0 m", "0 m"], ["-0.5 m", "0 m", "0 m"]]
+axis = [0, 0, 1]
+[joints.knee]
+ball = ["upper", "lower"]
+at = ["end", ["-0.5 m", "0 m", "0 m"]]
+[constraints.plane]
+holds = "lower_r[z]"
+[initial]
+consistent = true
+"""
 LATE = """name = "Late spring"
 coordinates.x.unit = "m"
 parameters = { m = "1 kg", k = "4 N m-1" }
@@ -52,3 +74,17 @@ def test_methods_that_take_delays_are_those_that_march_them() -> None:
     assert offered == accepted
     assert {"dop853", "rk4", "velocity_verlet"} <= accepted
     assert not {"taylor", "radau_iia", "yoshida6"} & accepted
+
+
+def test_joints_are_named_in_the_motion() -> None:
+    """Assert that what joints and bodies stand for is named, not written out, what a user wrote is, and that starts move."""
+    lines = list(lines_of(xd.Model.from_text(LINKS)))
+    assert "motion    upper_mass*a_upper_r[x] = joint hip + joint knee" in lines
+    assert "motion    lower_mass*a_lower_r[z] = (1)*constraint_force_plane + joint knee" in lines
+    assert "constraint plane holds: lower_r[z] = 0" in lines
+    assert "joint     hip: hinge of space and upper, about [0, 0, 1] in space; has hip_angle, v_hip_angle" in lines
+    assert "body      upper: turns, with the attitude upper_q0, upper_q; points upper_end" in lines
+    assert not [line for line in lines if line.startswith(("with ", "rate "))]
+    assert next(line for line in lines if line.startswith("start ")).endswith(
+        "; moved from there to where constraints hold"
+    )

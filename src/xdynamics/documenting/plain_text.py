@@ -10,10 +10,13 @@ from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError, spoken
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.model.bodies import scalar_part, vector_part
+from xdynamics.model.body_reading import made_by
 from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import held, limited
 from xdynamics.model.joint_sections import HINGE, SLIDER
+from xdynamics.model.joints import made_by_joints, tables_of_joint
 from xdynamics.model.parts import Function
 from xdynamics.model.switches import (
     MANY_POINTS,
@@ -25,6 +28,7 @@ from xdynamics.model.switches import (
 )
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
+from xdynamics.shapes.naming import parted
 from xdynamics.units import unit_suffix
 
 COUNTED = (
@@ -55,8 +59,9 @@ def _lines(model: Model) -> Iterator[str]:
     yield f"{model.name}: {counted}; every name is known and every unit fits"
     yield from _motion(model)
     yield from _occasions(model)
-    starts = (f"{name} = {quantity}" for name, quantity in model.initial.items())
-    yield f"start     {', '.join(starts)}{f', regime {model.regime}' if model.regime else ''}"
+    starts = ", ".join(f"{name} = {quantity}" for name, quantity in model.initial.items())
+    moved = "; moved from there to where constraints hold" if model.consistent else ""
+    yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{moved}"
     yield from _scales(model)
 
 
@@ -71,7 +76,13 @@ def equations(model: Model) -> Iterator[str]:
     yield from map(spoken, (*_motion(model), *_occasions(model)))
 
 
+def _joined(model: Model) -> dict[str, str]:
+    """Return the joint of each constraint that joints stand for."""
+    return {key: name for name, joint in model.joints.items() for key in tables_of_joint(name, joint)["constraints"]}
+
+
 def _motion(model: Model) -> Iterator[str]:
+    joined, bodies = _joined(model), model.shaped.bodies
     for i, name in enumerate(model.coordinates):
         inertia = [
             f"{_factor(model.statement.mass_entries[i, j])}*{acceleration(other)}"
@@ -79,11 +90,13 @@ def _motion(model: Model) -> Iterator[str]:
             if (i, j) in model.statement.mass_entries
         ]
         acting = [term for term, components in model.force_components.items() if name in components]
+        keeping = [condition for condition in conditions(model) if name in condition.row]
         acting += [
             f"({printed_simply(condition.row[name])})*{constraint_force(condition.name)}"
-            for condition in conditions(model)
-            if name in condition.row
+            for condition in keeping
+            if parted(condition.name)[0] not in joined
         ]
+        acting += dict.fromkeys(f"joint {joined[key]}" for part in keeping if (key := parted(part.name)[0]) in joined)
         yield f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
     for term, components in model.force_components.items():
         for name, component in components.items():
@@ -93,11 +106,17 @@ def _motion(model: Model) -> Iterator[str]:
                 else printed_simply(component)
             )
             yield f"force     {term} of {name} = {body}"
+    for name, solid in bodies.items():
+        points = ", ".join(f"{name}_{point}" for point in solid.points)
+        named = f"; points {points}" if points else ""
+        yield f"body      {name}: turns, with the attitude {scalar_part(name)}, {vector_part(name)}{named}"
+    made = made_by(bodies, "definitions") | made_by(bodies, "states") | made_by_joints(model.joints, "definitions")
     for name, definition in model.definitions.items():
-        yield f"with      {name} = {printed_simply(definition)}"
+        if parted(name)[0] not in made:
+            yield f"with      {name} = {printed_simply(definition)}"
     kept = held(model.controllers, model.time_unit)
     for name, state in model.states.items():
-        if name not in kept:
+        if name not in kept and parted(name)[0] not in made:
             yield f"rate      of {name} = {printed_simply(state.rate)}"
     for name, controller in model.controllers.items():
         waits = [f"{word} {time}" for word, time in (("phase", controller.phase), ("delay", controller.delay)) if time]
@@ -121,17 +140,7 @@ def _occasions(model: Model) -> Iterator[str]:
             f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
             f" {contact.tangential}"
         )
-    for name, joint in model.joints.items():
-        first, second = joint.bodies
-        word = {HINGE: "about", SLIDER: "along"}.get(joint.kind)
-        axis = ", ".join(f"{part:g}" for part in joint.axis[0]) if word else ""
-        where = f", {word} [{axis}] in {first}" if word else ""
-        yield f"joint     {name}: {joint.kind} of {first} and {second}{where}"
-    implied = implied_at_start(model.statement) if model.constraints else ()
-    for k, (name, constraint) in enumerate(model.constraints.items()):
-        word = "rolls" if constraint.holds is None else "holds"
-        shared = ", implied at the start by those before it, with which it shares their force" if k in implied else ""
-        yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0{shared}"
+    yield from _conditions(model)
     for name, friction in model.frictions.items():
         yield (
             f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
@@ -148,6 +157,28 @@ def _occasions(model: Model) -> Iterator[str]:
         ):
             if names:
                 yield f"switches  {', '.join(names)}: kinks and jumps inside forces, which are {fate}"
+
+
+def _conditions(model: Model) -> Iterator[str]:
+    """Print joints, and the constraints that are no part of one, with those that others imply at the start."""
+    joined, names = _joined(model), [*model.constraints]
+    implied = implied_at_start(model.statement) if names else ()
+    for name, joint in model.joints.items():
+        first, second = joint.bodies
+        word = {HINGE: "about", SLIDER: "along"}.get(joint.kind)
+        axis = ", ".join(f"{part:g}" for part in joint.axis[0]) if word else ""
+        where = f", {word} [{axis}] in {first}" if word else ""
+        own = [k for k, key in enumerate(names) if joined.get(parted(key)[0]) == name]
+        many = len({*own} & {*implied})
+        shared = f"; {many} of its {len(own)} conditions implied at the start by those before them" if many else ""
+        read = "".join(f", {word}" for word in tables_of_joint(name, joint).get("definitions", ()))
+        yield f"joint     {name}: {joint.kind} of {first} and {second}{where}{read and f'; has{read[1:]}'}{shared}"
+    for k, (name, constraint) in enumerate(model.constraints.items()):
+        if parted(name)[0] in joined:
+            continue
+        word = "rolls" if constraint.holds is None else "holds"
+        shared = ", implied at the start by those before it, with which it shares their force" if k in implied else ""
+        yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0{shared}"
 
 
 def _scales(model: Model) -> Iterator[str]:
