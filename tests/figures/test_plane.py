@@ -208,6 +208,7 @@ def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> 
         (["--size", "0x5"], "from 1 to 100"),
         (["--dpi", "5"], "from 20 to 1200"),
         (["--only", "z"], "only has 'z'"),
+        (["--only", "z,energy,w"], "only has 'z', 'w'; there are"),
         (["--with", "no.csv"], "cannot be read"),
     ):
         done = call("plot", run, "-o", tmp_path / "c.png", *wrong)

@@ -130,7 +130,11 @@ def _size(text: str | None) -> tuple[float, float] | None:
 @click.option("--trail", type=float, help="Length of the trail, in the run's own time.")
 @click.option("--dark", is_flag=True, help="Draw on a dark background.")
 def animate(archive: str, output: str, seconds: float | None, trail: float | None, dark: bool) -> None:
-    """Film the motion in the plane, with the time and trails."""
+    """Film the motion in the plane, with the time and trails.
+
+    Bodies that turn are drawn with their points and joints. Between bodies along a dimension lines are drawn where a
+    relation has them as neighbours, or by a table: [relations.rod] of = "body", neighbours = 1.
+    """
     from xdynamics.figures.animation import animate as film
 
     film(_opened(archive), output, seconds=seconds, trail=trail, dark=dark)

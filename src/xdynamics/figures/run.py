@@ -167,7 +167,9 @@ def _wanted(run: xr.Dataset, only: Sequence[str]) -> list[str]:
     for name in sorted(drawable):
         elements.setdefault(parted(name)[0], []).append(name)
     if unknown := [word for word in only if word not in (*KINDS, *drawable, *elements)]:
-        raise InputError(f"only has '{unknown[0]}'; there are {', '.join(KINDS)}, and {', '.join(elements)}")
+        raise InputError(
+            f"only has {', '.join(map(repr, unknown))}; there are {', '.join(KINDS)}, and {', '.join(elements)}"
+        )
     return [name for word in only for name in ([word] if word in KINDS else elements.get(word, [word]))]
 
 
