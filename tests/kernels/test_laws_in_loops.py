@@ -88,3 +88,26 @@ def test_loops_over_elements_are_compiled_as_written() -> None:
         assert text.startswith(AS_WRITTEN)
         lines.append(text.count("\n"))
     assert lines[0] == lines[1]
+
+
+def test_the_greatest_of_a_dimension_has_series_by_its_elements() -> None:
+    """Assert that `taylor` marches the largest of a row of states, whose loops keep no coefficients of the greatest so far."""
+    text = """
+name = "greatest"
+[dimensions]
+cell = 5
+[states.a]
+unit = "1"
+dims = ["cell"]
+rate = "-a*index(cell)/second"
+[states.b]
+unit = "1"
+rate = "max(a, cell)/second"
+smooth = true
+[initial]
+a = "1 + index(cell)/10"
+b = "0"
+"""
+    # the last, 1.4*exp(-4 t), is above all others until 0.07 s
+    run = xd.simulate(xd.Model.from_text(text), method="taylor", step=1e-3, until=0.05)
+    assert float(run.b[-1]) == pytest.approx(1.4 * (1 - np.exp(-0.2)) / 4, rel=1e-12)

@@ -13,7 +13,7 @@ from xdynamics.kernels import law_of
 from xdynamics.march import Runs, march_many
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import Settings
-from xdynamics.march.simd_ensemble import lanes_for
+from xdynamics.march.simd_ensemble import LANE_ROWS, lanes_for
 from xdynamics.methods import METHODS
 
 N = 37
@@ -141,6 +141,15 @@ def test_members_that_fail_and_members_that_are_over_at_once() -> None:
     alone = march_many(duffing(), limited, lanes=1, **given)
     assert {*alone.outcomes} >= {"step_limit"}
     assert_same(march_many(duffing(), limited, lanes=8, **given), alone)
+
+
+def test_series_that_fail_more_often_than_a_log_of_a_lane_holds() -> None:
+    """Assert that a step is chosen once where coefficients overflow: each rejected trial shortens the one before."""
+    settings = asked(duffing(), method="taylor", order=20, rtol=1e-9, atol=1e-6, until=1.0, max_steps=2000)
+    given = {"initial": {"x": np.array([0.1, 0.5, 1e100, 1.0, 2.0])}}
+    alone = march_many(duffing(), settings, lanes=1, **given)
+    assert alone.trials[2] > 4 * LANE_ROWS
+    assert_same(march_many(duffing(), settings, lanes=4, **given), alone)
 
 
 @pytest.mark.parametrize(

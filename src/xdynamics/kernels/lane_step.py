@@ -69,11 +69,11 @@ _JUDGE_AT_GRID = """
 moves = ready*sound*silent
 turns_back = 0*ready
 """
-# a step that series foresaw is seldom rejected: the single march does it
+# a step that series foresaw is seldom rejected: the single march does it, and all that follow until one is accepted
 _JUDGE_FORESEEN = f"{_JUDGE_AT_GRID}moves = moves*where(judged <= 1, 1, 0)"
 _FORESEE = """
-foreseen = min(min(factor*doubling, max_step), remaining)
-fits = where(foreseen > max(min_step, max(1e-14*abs(t), 1e-300)), 1, 0)
+foreseen = where(rejected > 0, step, min(min(factor*doubling, max_step), remaining))
+fits = where(rejected > 0, 0, where(foreseen > max(min_step, max(1e-14*abs(t), 1e-300)), 1, 0))
 """
 _CONTROL = f"logarithm = log(norm)\n{step_control.EXPONENT}\npower = exp(exponent)\n{step_control.PROPORTIONAL}"
 _PREDICT = step_control.PREDICTIVE + step_control.PREDICTED
@@ -96,10 +96,7 @@ step = where(moves > 0, next_step, where(turns_back > 0, shorter, step))
 step_log = where(moves > 0, next_log, step_log)
 rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
 """
-_PACE_FORESEEN = """
-step = foreseen
-rejected = 0*moves
-"""
+_PACE_FORESEEN = "step = foreseen"
 
 
 _AGAIN = "again = solved*where(rejected > 0, 1, where(before > 0, 0, 1))*where(judged_first <= 1, 0, 1)"

@@ -232,8 +232,10 @@ class Law:
         if model_programs.has_loops(self.layout.model):
             abreast, layout = machine.vector_lanes() // 2, self.layout
             lengths = {"y": layout.record.size, "z": layout.record.size, "e": layout.used.size}
-            by_name = {program.name: program for program in programs}
-            programs = [coalesced(program, by_name, lengths) for program in programs]
+            by_name: dict[str, Program] = {}
+            for program in programs:  # each after those that it calls, as they are then
+                by_name[program.name] = coalesced(program, by_name, lengths)
+            programs = list(by_name.values())
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:

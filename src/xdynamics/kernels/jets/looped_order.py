@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 
 from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.jets.motion import UnexpandedError
 from xdynamics.kernels.jets.series import ORDER, TERM, Series
 from xdynamics.kernels.program import Gather, Line, Load, Operand, Ordinal, Place, Reduction
 
@@ -79,9 +80,17 @@ class Looped:
         return self.lines.compute(operation, *arguments)
 
     def first(self, series: Series) -> Operand:
-        """Return the coefficient of order 0."""
+        """Return the coefficient of order 0.
+
+        Raises
+        ------
+        UnexpandedError
+            Of the greatest so far, as a loop over elements finds it: no coefficient of it is kept.
+        """
         if not self.started:
             return self.now(series)
+        if series.place is None and 0 not in series.terms:
+            raise UnexpandedError("a total so far")
         if series.place is None:
             return series.terms[0]
         if id(series) not in self._first:

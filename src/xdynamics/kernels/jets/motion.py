@@ -13,7 +13,7 @@ WRITTEN_OUT = 6000  # operations up to which every coefficient is a value of the
 
 
 class UnexpandedError(Exception):
-    """A program whose values have no series: a function in Python, a call of the engine."""
+    """A program whose values have no series: a function in Python, a call of the engine, the greatest of elements in loops."""
 
 
 @dataclass(frozen=True)
