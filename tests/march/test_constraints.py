@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -206,6 +207,24 @@ def test_a_condition_that_another_implies_changes_nothing() -> None:
     assert off(run) < 1e-8
     both = run.constraint_force_rod + run.constraint_force_again
     assert both.values[-1] == pytest.approx(alone.constraint_force_rod.values[-1], rel=1e-7)
+
+
+@pytest.mark.parametrize("share", ["1e-4", "0"])
+def test_what_is_all_but_implied_is_said(share: str) -> None:
+    """Assert that a condition with too small a share of its own to be kept is named, and one with none is not."""
+    model = xd.Model(
+        name="all but implied",
+        coordinates=dict.fromkeys("xyz", "m"),
+        mass=dict.fromkeys("xyz", "1*kilogram"),
+        forces={"push": {"z": "1*newton"}},
+        constraints={"first": {"holds": "x"}, "again": {"holds": f"2*x + {share}*z"}},
+        initial=dict.fromkeys("xyz", "0 m"),
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        xd.simulate(model, method="rk4", step="0.1 s", until="1 s")
+    said = [str(warning.message) for warning in caught]
+    assert [("again" in text, "all but implied" in text) for text in said] == ([(True, True)] if share != "0" else [])
 
 
 def test_a_skate_runs_in_a_circle() -> None:

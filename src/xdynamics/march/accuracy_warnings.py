@@ -20,12 +20,14 @@ from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled_errors import LOSS, effect_of
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
-from xdynamics.model.constraints import beyond_trees
+from xdynamics.model.constraint_consistency import implied_at_start
+from xdynamics.model.constraints import beyond_trees, conditions
 from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, are_too_many, count_of_switches, owners_of_switches
+from xdynamics.model.tangent_space import independent
 from xdynamics.stability import decay_limit, fastest_rate, stiffness
 from xdynamics.units import TIME, parse_unit, spell, unit_suffix
 
@@ -47,6 +49,7 @@ def doubts(march: March) -> list[str]:
         *_of_gains(march),
         *_of_places(march),
         *_of_stopped_slips(march),
+        *_of_constraints(march.model),
     ]
 
 
@@ -195,6 +198,20 @@ def _of_places(march: March) -> Iterator[str]:
         yield (
             f"the position tolerance of {', '.join(names)} was not met by every event: rounding of the function, or of"
             " t, leaves more; event_position says where"
+        )
+
+
+def _of_constraints(model: Model) -> Iterator[str]:
+    """Report conditions that others imply but for a share which is too small to be kept."""
+    implied = implied_at_start(model.statement) if model.constraints else ()
+    if implied and len(conditions(model)) - len(implied) < independent(model)[0]:
+        names = ", ".join(f"'{conditions(model)[place].name}'" for place in implied)
+        yield (
+            f"of the constraints {names} one is at the start all but implied by others, and what little it adds is not kept:"
+            " its constraint_residual says how far it is off; write what it adds by itself"
+            if len(implied) > 1
+            else f"constraint {names} is at the start all but implied by others, and what little it adds is not kept: its"
+            " constraint_residual says how far it is off; write what it adds by itself"
         )
 
 
