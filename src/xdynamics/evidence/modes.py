@@ -150,7 +150,7 @@ class Spectrum:
         jacobian, space = linearisation.reduced, linearisation.displacements
         eigenvalues = np.linalg.eigvals(jacobian).astype(np.complex128)
         eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
-        squares, shapes = _normal_modes(linearisation.stiffness, linearisation.mass, space)
+        squares, shapes = _normal_modes(*linearisation.along, space)
         real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
         frequency = np.sqrt(real)
         period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
@@ -264,12 +264,10 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
 
 
 def _normal_modes(stiffness: Floats, mass: Floats, space: Floats) -> tuple[NDArray[np.complex128], Floats]:
-    """Solve K u = w**2 M u for displacements in a space; return the squares, ascending, and the shapes as columns."""
+    """Solve K u = w**2 M u along displacements; return the squares, ascending, and the shapes as columns."""
     from scipy import linalg
 
     n = space.shape[1]
-    if n < len(space):
-        stiffness, mass = (space.T @ matrix @ space for matrix in (stiffness, mass))
     if n == 0:
         return np.zeros(0, np.complex128), space
     symmetric = np.abs(stiffness - stiffness.T).max() <= 1e-13 * np.abs(stiffness).max()

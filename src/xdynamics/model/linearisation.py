@@ -14,7 +14,7 @@ from xdynamics.model.bodies import unit_quaternions
 from xdynamics.model.derivatives import jacobian, tape
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, inputs_of, tables_of, variables
-from xdynamics.model.tangent_space import displacements, tangent_space
+from xdynamics.model.tangent_space import displacements, tangent_space, turning
 from xdynamics.schema import acceleration, rate
 
 Floats = NDArray[np.float64]
@@ -42,6 +42,8 @@ class Linearisation:
         Independent changes of coordinates, as columns, along which no constraint acts; the unit matrix without any.
     changes : ndarray, shape (2n + m, d)
         Those of (q, v, x) that keep the constraints.
+    turning : ndarray, shape (n, f)
+        What velocities follow a unit of each displacement by, where constraints turn it as the motion goes on.
     """
 
     names: tuple[str, ...]
@@ -51,6 +53,15 @@ class Linearisation:
     jacobian: Floats
     displacements: Floats
     changes: Floats
+    turning: Floats
+
+    @property
+    def along(self) -> tuple[Floats, Floats]:
+        """K and M of the displacements, shapes (f, f)."""
+        space, turned = self.displacements, self.turning
+        if len(space) == space.shape[1]:
+            return self.stiffness, self.mass
+        return space.T @ self.stiffness @ space - turned.T @ self.mass @ turned, space.T @ self.mass @ space
 
     @property
     def reduced(self) -> Floats:
@@ -61,7 +72,11 @@ class Linearisation:
         left = space.T.copy()  # without what velocities follow by: numbers of unlike units are not added
         follows = np.delete(space, np.s_[n : 2 * n], axis=0).any(axis=0)
         left[follows, n : 2 * n] = 0.0
-        return left @ self.jacobian @ space
+        found, free = np.asarray(left @ self.jacobian @ space), self.turning.shape[1]
+        if self.turning.any():  # see `tangent_space.turning`, here in the metric of the coordinates
+            following = space[n : 2 * n, :free]
+            found[free : 2 * free, :free] += following.T @ following
+        return found
 
 
 def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
@@ -123,7 +138,7 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
             matrix[place] = evaluate(entry, values)
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
         stiffness = 0.0 - slopes[:, :n] - slopes[:, attitudes] @ full_jacobian[attitudes, n : 2 * n]
-        spaces = displacements(model, values), tangent_space(model, values)
+        spaces = displacements(model, values), tangent_space(model, values), turning(model, values, matrix)
         yield Linearisation(names, matrix, stiffness, a, full_jacobian, *spaces)
 
 

@@ -72,6 +72,21 @@ def displacements(model: Model, values: Mapping[str, float]) -> Floats:
     return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent(model)[0])
 
 
+def turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
+    """Return the part of the velocities that follows a unit of each displacement, as columns, shape (n, n - rank).
+
+    Displacements Z that stay orthogonal in the metric of the mass turn with the motion by F = Z', so that what is left of
+    M d2(Z u)/dt2 along Z is Z^T M Z u'' - F^T M F u. Of rolling, and of attitudes, none is counted.
+    """
+    n, moves = len(model.coordinates), displacements(model, values)
+    if not (model.constraints and free_coordinates(model)):
+        return np.zeros_like(moves)
+    rates = _gradients(model, values)[1]
+    ties, slopes = rates[:, n : 2 * n], rates[:, :n]
+    reach = np.linalg.solve(mass, ties.T)
+    return np.asarray(-reach @ np.linalg.pinv(ties @ reach, rcond=INDEPENDENT) @ slopes @ moves)
+
+
 def free_coordinates(model: Model) -> int:
     """Return how many coordinates are left to linear equations q' = v; 0 where they are of the first order."""
     tied = conditions(model)
