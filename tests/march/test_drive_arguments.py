@@ -234,3 +234,17 @@ def test_the_quarter_car_rides_by_its_exact_solution() -> None:
         state = (expm(law * (end - begin)) @ np.array([*state, heights[k], slope]))[:4]
     assert float(run.z_body[-1]) == pytest.approx(1000.0 * state[0], abs=1e-8)
     assert float(run.z_wheel[-1]) == pytest.approx(1000.0 * state[1], abs=1e-8)
+
+
+def test_chosen_steps_that_cannot_leave_a_table_say_where_they_stand() -> None:
+    """Assert that a march at the end of a table that says "error", where no step is short enough, names table and value."""
+    model = xd.Model.from_text(
+        'name = "end"\ncoordinates.x = "m"\nmass.x = "1*kilogram"\nforces.s = { x = "f" }\n'
+        'initial = { x = "1.99 m", v_x = "1 m s-1" }\n'
+        'drives.f = { csv = "x [m],f [N]\\n-2,8\\n2,-8\\n", argument = "x", outside = "error" }\n'
+    )
+    run = xd.simulate(model, method="dop853", until="1 s", max_steps=2000)
+    assert run.attrs["run_outcome"] == "step_limit"
+    assert (
+        "drive 'f' was evaluated at x = 2, and its table 'f.csv' reaches from -2 to 2" in run.attrs["run_outcome_text"]
+    )

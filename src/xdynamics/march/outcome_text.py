@@ -58,6 +58,7 @@ from xdynamics.units.digits import MOST, digits, known_part
 
 _SMOOTHER = "write dry friction as [frictions], or a smooth force"
 FEWEST = 6  # digits of the time at which a run failed
+AT_END = 1e-12  # of the width of a table: how near to its end a march stands that cannot leave it
 
 
 @dataclass(frozen=True)
@@ -202,6 +203,8 @@ def _cause(march: March) -> str:
             used = f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}"
             if march.chattering != NOWHERE:
                 return used
+            if left := _at_end_of_table(march):
+                return f"{used}: {left}"
             remedy = f"raise max_steps{'' if search else ' or the tolerances'}"
             return f"{used}, where {of_error(march)} has the largest error; {remedy}"
         case status if status == REASON_NEWTON and np.isnan(march.run.z[plan.moved]) and plan.held:
@@ -324,6 +327,19 @@ def _outside(march: March, name: str, value: float) -> str:
         f"drive '{name}' was evaluated at {text_of(drive.argument)} = {value:.15g}, and its table '{drive.table.name}' reaches from"
         f' {low:.15g} to {high:.15g} (SI units); set outside = "zero" or "hold", or stay inside'
     )
+
+
+def _at_end_of_table(march: March) -> str:
+    """Name the drive whose table ends where a march with chosen steps stands: longer ones leave it, shorter ones go nowhere."""
+    for name, drive in march.model.drives.items():
+        argument, (low, high) = drive.argument, drive.table.argument[[0, -1]].tolist()
+        if drive.outside != "error" or not isinstance(argument, Name) or argument.name not in march.layout.used:
+            continue
+        value = float(march.run.y[march.layout.record.index(argument.name)])
+        at = value * march.settings.scales.of(drive.table.argument_unit.dimension)
+        if min(abs(at - low), abs(at - high)) <= AT_END * (high - low):
+            return _outside(march, name, value)
+    return ""
 
 
 def _in_state(march: March, state: dict[str, float]) -> Failure:
