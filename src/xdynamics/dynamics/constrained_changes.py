@@ -32,8 +32,8 @@ Numbers = Mapping[tuple[str, Any, str], Floats]
 
 def independent_conditions(model: Model) -> list[int]:
     """Return the conditions that no others imply at the start."""
-    lost = implied_at_start(model.statement)
-    return [k for k in range(len(conditions(model))) if k not in lost]
+    implied = implied_at_start(model.statement)
+    return [k for k in range(len(conditions(model))) if k not in implied]
 
 
 def trees_of_constraints(
@@ -102,7 +102,11 @@ def followed_start(model: Model, inputs: Sequence[str], state: Mapping[str, floa
     """
     n, tied = len(model.coordinates), [conditions(model)[k] for k in independent_conditions(model)]
     values, moved = {**constants(model), **state}, change.copy()
-    of_inputs = {name: np.array([float(name == one) for one in inputs]) for name in inputs if name in model.parameters}
+    of_inputs = {
+        name: np.array([float(name == input_name) for input_name in inputs])
+        for name in inputs
+        if name in model.parameters
+    }
     rows = np.array([[evaluate(c.row[q], values) if q in c.row else 0.0 for q in model.coordinates] for c in tied])
     reach = solved(next(iter(mass_matrices(model, [state])))[None], rows.T[None])[0]
     for first, trees in ((0, [c.residual for c in tied]), (n, [c.rate for c in tied])):

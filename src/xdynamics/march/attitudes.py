@@ -11,7 +11,7 @@ from math import nan, sqrt
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.force_evaluation import finite_state, settle
+from xdynamics.march.force_evaluation import evaluate_held, finite_state
 from xdynamics.march.run import Run
 
 PARTS = 4
@@ -35,7 +35,7 @@ def hold_attitudes(run: Run, t: float) -> None:
             shorten(run, k, sqrt(square))
             moved = True
     if moved:
-        settle(run, t, run.z, trial.h)
+        evaluate_held(run, t, run.z, trial.h)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
 
 

@@ -26,7 +26,7 @@ def evaluate(run: Run, t: float, state: State) -> None:
 
 
 @shared
-def settle(run: Run, t: float, state: State, h: float) -> None:
+def evaluate_held(run: Run, t: float, state: State, h: float) -> None:
     """Evaluate the forces at a state, which is put where constraints hold, if there are any, after a step or none (0)."""
     if run.plan[0].held > 0:
         settle_constraints(run, t, state, h)

@@ -204,20 +204,22 @@ def bound(
     """
     tied = conditions(model)
     coupled = _coupled(model)
-    some = [f"_some_{name}" for name in forces] if _sharing(model).lost else forces
+    basic = [f"_basic_{name}" for name in forces] if _sharing(model).implied else forces
     for k, condition in enumerate(tied):
         products = [multiply(Name(_row(k, name)), free[name]) for name in condition.row if name in free]
         right = Negative(total([lags[k], *products]))
         before = (Binary("*", Name(_factor(k, p)), Name(f"_part_{forces[p]}")) for p in range(k) if (k, p) in coupled)
         yield Assignment(f"_part_{forces[k]}", less(right, before))
     for k in reversed(range(len(tied))):
-        behind = (Binary("*", Name(_factor(i, k)), Name(some[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled)
-        yield Assignment(some[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind))
-    if some is not forces:
-        yield from _sharing(model).least(forces, some)
+        behind = (
+            Binary("*", Name(_factor(i, k)), Name(basic[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled
+        )
+        yield Assignment(basic[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind))
+    if basic is not forces:
+        yield from _sharing(model).least(forces, basic)
     for name, target in targets.items():
         terms = [
-            Binary("*", Name(_reach(k, name)), Name(some[k]))
+            Binary("*", Name(_reach(k, name)), Name(basic[k]))
             for k, condition in enumerate(tied)
             if name in _reached(model, condition)
         ]

@@ -24,8 +24,8 @@ class Sharing:
 
     Attributes
     ----------
-    lost : tuple of int
-        The conditions that `implied` found at the start; where their pivots are none at a state, others imply them.
+    implied : tuple of int
+        The conditions that those before them imply at the start; where their pivots are none at a state, others imply them.
     inverse_pivots : tuple of str
         Of D, zero where a pivot is none.
     factors : mapping of (int, int) to str
@@ -34,7 +34,7 @@ class Sharing:
         Of each multiplier in norms.
     """
 
-    lost: tuple[int, ...]
+    implied: tuple[int, ...]
     inverse_pivots: tuple[str, ...]
     factors: Mapping[tuple[int, int], str]
     weights: tuple[Node, ...]
@@ -44,7 +44,7 @@ class Sharing:
         """Vectors that span the null space, each orthogonal to those before it."""
         lines: list[Assignment] = []
         vectors: Vectors = {}
-        for p in self.lost:
+        for p in self.implied:
             raw: dict[int, Node] = {p: Name(f"_implied{p}")}
             lines.append(Assignment(f"_implied{p}", _where_positive(Name(self.inverse_pivots[p]), ZERO, ONE)))
             for i in reversed(range(p)):  # L^T z = 0
@@ -67,9 +67,9 @@ class Sharing:
         """Write what spans the null space."""
         yield from self._spanned[0]
 
-    def least(self, forces: Sequence[str], some: Sequence[str]) -> Iterator[Assignment]:
-        """Write the multipliers of least norm from some that accelerate alike."""
-        left: dict[int, Node] = {k: Name(name) for k, name in enumerate(some)}
+    def least(self, forces: Sequence[str], basic: Sequence[str]) -> Iterator[Assignment]:
+        """Write the multipliers of least norm from others that accelerate alike, a basic solution."""
+        left: dict[int, Node] = {k: Name(name) for k, name in enumerate(basic)}
         for p, vector in self._spanned[1].items():
             part = Name(f"_part{p}_{forces[p]}")
             yield Assignment(part.name, self._part(left, vector, p))

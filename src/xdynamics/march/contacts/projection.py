@@ -12,7 +12,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.delassus import look_at_links
-from xdynamics.march.force_evaluation import finite_state, settle
+from xdynamics.march.force_evaluation import evaluate_held, finite_state
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import MODES, NORMAL
 from xdynamics.schema import SETTLING
@@ -28,7 +28,7 @@ def hold(run: Run, t: float, settling: bool) -> None:
         return
     moved = run.z[run.plan[0].moved]
     held = hold_positions(run, t, settling) and hold_rates(run, t, settling)
-    settle(run, t, run.z, 0.0)
+    evaluate_held(run, t, run.z, 0.0)
     if run.plan[0].held > 0 and not moved <= run.z[run.plan[0].moved]:
         run.z[run.plan[0].moved] = moved  # how far constraints moved the result of the step; nan if they failed
     run.at[UNSOUND] = 0.0 if held and finite_state(run) else nan

@@ -23,7 +23,7 @@ from xdynamics.march.events.switch_sides import keep_sides, slides
 from xdynamics.march.events.ticks import ring, rings_at_end, tick_at_end, ticks_at_end
 from xdynamics.march.events.zero_tests import NONE, resolution
 from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import finite_state, settle
+from xdynamics.march.force_evaluation import evaluate_held, finite_state
 from xdynamics.march.log import first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONTACT_INCONSISTENT,
@@ -138,7 +138,7 @@ def pass_kinks(run: Run, reached: bool, row: int) -> None:
     keep_sides(run, False)
     if run.delays.shape[0] > 0:
         break_here(run, run.trial[0].t, 1)
-    settle(run, run.trial[0].t, run.z, 0.0)
+    evaluate_held(run, run.trial[0].t, run.z, 0.0)
     if not (finite_state(run) and note_apart(run, _NODE, run.trial[0].t, run.trial[0].h, run.z)):
         end(run, NONFINITE_OBSERVABLE if finite_state(run) else nonfinite(run))
         return
@@ -212,7 +212,7 @@ def cross(run: Run, before: int) -> bool:
     if changed and run.delays.shape[0] > 0:
         break_here(run, trial.t, 0)
     if changed:
-        settle(run, trial.t, run.z, 0.0)
+        evaluate_held(run, trial.t, run.z, 0.0)
         note_sample(run, trial.t, run.z, before + 1)
     if plan.switches > 0 and slides(run):
         now.status = SLIDING_MODE

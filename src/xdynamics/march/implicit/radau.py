@@ -16,7 +16,7 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
-from xdynamics.march.force_evaluation import State, evaluate, keep_sample, settle
+from xdynamics.march.force_evaluation import State, evaluate, evaluate_held, keep_sample
 from xdynamics.march.implicit.derivatives import linearise, slope_apart
 from xdynamics.march.implicit.transformed import factorise_both, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
@@ -61,7 +61,7 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
             run.w[k * used + i] = y[i] + run.stages[k * used + i]
     for i in range(used):
         z[i] = run.w[2 * used + i]
-    settle(run, t1, z, h)
+    evaluate_held(run, t1, z, h)
     keep_sample(run, t1, z, sample + 3 * width)
     run.at[UNSOUND] = 0.0
     for i in range(plan.state):
