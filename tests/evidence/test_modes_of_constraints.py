@@ -135,3 +135,21 @@ def test_eigenvalues_of_what_moves_are_rates(faster: float) -> None:
     np.testing.assert_allclose(found.eigenvalue_imag, float(found.frequency[0]) * np.array([-1.0, 1.0]), rtol=1e-12)
     assert abs(found.eigenvalue_real).max() < 1e-12 * faster
     assert float(found.frequency[0]) == pytest.approx(faster * math.sqrt(9.8 * 0.8), rel=1e-12)  # as of the angle
+
+
+def test_velocities_follow_displacements_of_what_moves() -> None:
+    """Assert the eigenvalues of a moving pendulum with drag along x alone, by the linear equation of its angle."""
+    model = xd.Model(
+        name="rod",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"g": "9.8 m s-2", "c": "0.5 kg s-1"},
+        mass={"x": "1*kilogram", "y": "1*kilogram"},
+        forces={"weight": {"potential": "1*kilogram*g*y"}, "drag": {"x": "-c*v_x"}},
+        constraints={"rod": {"holds": "hypot(x, y) - 1*metre"}},
+        initial={"x": "0.6 m", "y": "-0.8 m", "v_x": "2.4 m s-1", "v_y": "1.8 m s-1"},
+    )
+    found = xd.modes(model)
+    values = found.eigenvalue_real.values + 1j * found.eigenvalue_imag.values
+    # theta'' = -g sin(theta) - c cos(theta)**2 theta' at sin(theta) = 0.6, theta' = 3/s
+    assert values.sum() == pytest.approx(-0.5 * 0.8**2, rel=1e-12)
+    assert values.prod() == pytest.approx(9.8 * 0.8 - 0.5 * 2 * 0.6 * 0.8 * 3.0, rel=1e-12)
