@@ -8,7 +8,7 @@ undefined end stays one, and is refused where a proof would follow from it.
 from __future__ import annotations
 
 from fractions import Fraction
-from math import inf
+from math import inf, nextafter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,11 +153,17 @@ def common(a: Box, b: Box) -> Box:
 
 
 def power(x: Box, n: int) -> Box:
-    """Raise an interval without negative numbers to a power, by squares."""
-    found, square = point(1.0), x
+    """Raise one interval without negative numbers to a power, by squares."""
+    return np.array([_power(float(end), n, towards) for end, towards in zip(x, (0.0, inf), strict=True)])
+
+
+def _power(x: float, n: int, towards: float) -> float:
+    """Raise a number that is not negative to a power, every product being rounded towards zero or infinity."""
+    found, square = 1.0, x
     while n:
         if n % 2:
-            found = np.maximum(outward(found * square), 0.0)
+            found = nextafter(found * square, towards)
         n //= 2
-        square = np.maximum(outward(square * square), 0.0) if n else square
+        if n:
+            square = nextafter(square * square, towards)
     return found

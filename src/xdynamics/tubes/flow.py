@@ -11,11 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from math import inf
+from math import frexp, inf, ldexp
 
 import numpy as np
 
-from xdynamics.elementary import FUNCTIONS
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.interval_problem import IntervalProblem
@@ -52,6 +51,8 @@ class Proof:
         A box that holds them at its end.
     used : int
         How many numbers move.
+    seen_after : Seen, optional
+        All motions at the end.
     """
 
     begin: Box
@@ -62,6 +63,7 @@ class Proof:
     within: Box
     after: Box
     used: int
+    seen_after: Seen | None = None
 
     def mapped(self, time: Box) -> tuple[Box, Box]:
         """Return the image of the point of the set at a time within the step, and its derivatives for all of the set."""
@@ -77,12 +79,14 @@ class Proof:
     @np.errstate(all="ignore")
     def seen(self, time: Box) -> Seen:
         """Return all motions at a time, or at any of an interval, within the step."""
+        if time is self.end and self.seen_after is not None:
+            return self.seen_after
         return self.set.seen(*self.mapped(time))
 
     @np.errstate(all="ignore")
     def at(self, time: Box) -> Box:
         """Return a box that holds all motions at a time, or at any of an interval, within the step."""
-        return boxes.common(self.seen(time).box(), self.within)
+        return self.after if time is self.end else boxes.common(self.seen(time).box(), self.within)
 
 
 class Flow:
@@ -190,7 +194,7 @@ class Flow:
         if not (np.isfinite(self.box).all() and (self.box[0] <= self.box[1]).all()):
             raise UndefinedError("the set is too wide: its bounds are beyond the range of floats")
         self.time = landing
-        return replace(proof, after=self.box)
+        return replace(proof, after=self.box, seen_after=seen)
 
     def _expanded(self, series: MotionSeries, start: Box) -> Box:
         """Return coefficients, with those of uncertain constants: their values, and nothing further."""
@@ -263,5 +267,20 @@ class Flow:
 
 
 def _root(x: float, n: int) -> float:
-    """Return the n-th root of a positive number, the same on every machine."""
-    return float(FUNCTIONS["exp"](FUNCTIONS["log"](max(x, 5e-324)) / n))
+    """Return the n-th root of a positive number, by Newton's method from above: the same on every machine."""
+    mantissa, exponent = frexp(max(x, 5e-324))
+    whole, left = divmod(exponent, n)
+    least = ldexp(mantissa, left)
+    root = min(2.0, 1.0 + (least - 1.0) / n) if least >= 1.0 else 1.0
+    while True:
+        lower = root - (root - least / _power(root, n - 1)) / n
+        if not lower < root:
+            return ldexp(root, whole)
+        root = lower
+
+
+def _power(x: float, n: int) -> float:
+    found = 1.0
+    for _ in range(n):
+        found *= x
+    return found

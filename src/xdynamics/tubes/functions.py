@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import values_of
-from xdynamics.kernels.program import Compute, Load, Place, StoreTo
-from xdynamics.tubes import boxes, gradients
+from xdynamics.kernels.program import AT, Compute, Line, Load, Loop, Place, Program, StoreTo, T
+from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.constants import Constants
+from xdynamics.tubes.enclosed_programs import PARTS, EnclosedProgram
 from xdynamics.tubes.flow import Proof
-from xdynamics.tubes.gradients import StraightLines, Undefined, Value
+from xdynamics.tubes.gradients import StraightLines
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
+from xdynamics.tubes.tangents import SEED
 
-UNKNOWN = np.array([-np.inf, np.inf])
+UNKNOWN = np.array([[-np.inf], [np.inf]])
 
 
 class Functions:
-    """Some functions of a state.
+    """Some functions of a state, with their derivatives by every number of the start, as machine code.
 
     Parameters
     ----------
@@ -30,14 +34,39 @@ class Functions:
     """
 
     def __init__(self, problem: IntervalProblem, layout: Layout, trees: Sequence[Node]) -> None:
-        lines = tuple(line for line in values_of(layout, trees).body if isinstance(line, Load | Compute | StoreTo))
-        self._straight = StraightLines(lines, problem.motions.straight.constants, literals_of(lines))
-        self.count = len(trees)
+        self.count, self._used, numbers = len(trees), problem.used, problem.start.shape[1]
+        if not trees:
+            return
+        stored = tuple(line for line in values_of(layout, trees).body if isinstance(line, Load | Compute | StoreTo))
+        straight = StraightLines(stored, problem.motions.straight.constants, literals_of(stored))
+        self._constants = constants = Constants(straight, self._used, numbers, numbers)
+        lines: list[Line] = [*constants.lines()]
+        tangents = {Place("z", k): Place("z", self.count + k * numbers, ((SEED, 1),)) for k in range(self.count)}
+        slopes = Loop(SEED, numbers, constants.tangents(lines, self._used, tangents))
+        program = Program("functions", "Functions of a state.", (*map(_squared, lines), slopes))
+        of_state = self._used * (1 + numbers)
+        sizes = {"at": len(AT), "y": of_state, "p": constants.count, "z": self.count * (1 + numbers)}
+        self._program = EnclosedProgram(program, sizes)
+        arrays = self._program.arrays
+        constants.fill(arrays["p"])
+        self._time, self._state = arrays["at"][T], arrays["y"]
+        self._values = arrays["z"][: self.count]
+        self._slopes = arrays["z"][self.count :].reshape(self.count, numbers, len(PARTS))
+        for i in range(self._used):
+            self._state[self._used + i * numbers + i, :2] = 1.0
 
-    def over(self, time: Box, states: Box, *, derivatives: bool = False) -> list[Value]:
-        """Return the values over a box, perhaps with their derivatives by the numbers of a set."""
-        found = self._straight.over(time, states, derivatives=derivatives)
-        return [found[Place("z", k)] for k in range(self.count)]
+    def over(self, time: Box, states: Box) -> tuple[Box, Box]:
+        """Return the values over a box, and their derivatives by the numbers of a set; infinite bounds where none is known.
+
+        Returns
+        -------
+        ndarray, shape (2, count)
+        ndarray, shape (2, count, numbers)
+        """
+        self._time[:2], self._state[: self._used, :2] = time, states[:, : self._used].T
+        self._constants.take(states)
+        self._program.run()
+        return _known(self._values), _known(self._slopes)
 
     @np.errstate(all="ignore")
     def within(self, proof: Proof, time: Box) -> Box:
@@ -45,29 +74,31 @@ class Functions:
 
         Both the values over the box and those in the middle, with what their derivatives add, hold them.
         """
+        if not self.count:
+            return np.zeros((2, 0))
         seen, states = proof.seen(time), proof.at(time)
         middle = boxes.point(boxes.middle(seen.image))
-        between = boxes.hull(states, middle)  # of the middle and any state
-        sloped, centre = self.over(time, between, derivatives=True), self.over(time, middle)
+        (found, _), (centre, _) = self.over(time, states), self.over(time, middle)
+        _, slopes = self.over(time, boxes.hull(states, middle))  # between the middle and any state
+        sloped = boxes.add(centre, seen.along(slopes))
         # where there is a corner, there is no derivative, and still a value
-        plain = self.over(time, states) if any(isinstance(value, Undefined) for value in sloped) else sloped
-        found = []
-        for value, near, slope in zip(plain, centre, sloped, strict=True):
-            bounds = _bounds(value)
-            if not isinstance(slope, Undefined | float | bool) and slope.shape[1] > 1:
-                bounds = boxes.common(bounds, boxes.add(_bounds(near), seen.along(slope[:, None, 1:])[:, 0]))
-            found.append(bounds)
-        return np.stack(found, axis=1) if found else np.zeros((2, 0))
+        smooth = np.isfinite(slopes).all(axis=(0, 2)) & np.isfinite(sloped).all(axis=0)
+        return np.where(smooth, boxes.common(found, sloped), found)
 
     def at_start(self, time: Box, states: Box) -> Box:
         """Return bounds of the values over a box."""
-        found = [_bounds(value) for value in self.over(time, states)]
-        return np.stack(found, axis=1) if found else np.zeros((2, 0))
+        return self.over(time, states)[0] if self.count else np.zeros((2, 0))
 
 
-def _bounds(value: Value) -> Box:
-    """Return the bounds of a value; infinite ones of what is undefined."""
-    if isinstance(value, Undefined):
-        return UNKNOWN
-    bounds = gradients.number(value)[:, 0]
-    return UNKNOWN if np.isnan(bounds).any() else bounds
+def _squared(line: Line) -> Line:
+    """Return a product of a number with itself as its square, which is not negative."""
+    if isinstance(line, Compute) and line.operation == "multiply" and line.arguments[0] == line.arguments[1]:
+        return replace(line, operation="square", arguments=line.arguments[:1])
+    return line
+
+
+def _known(found: Box) -> Box:
+    """Return bounds from what a program stores."""
+    ends = np.moveaxis(found[..., :2], -1, 0)
+    sound = (found[..., 2] == 0.0) & ~np.isnan(ends).any(axis=0)
+    return np.where(sound, ends, UNKNOWN.reshape(2, *(1,) * (ends.ndim - 1)))

@@ -13,27 +13,29 @@ from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solved
 
 @dataclass(frozen=True)
 class Seen:
-    """All ``image + by_start @ start + by_rest @ rest``: the states of a set at a time, seen from those at another."""
+    """All ``image + by @ parts``: the states of a set at a time, seen from those at another.
+
+    Attributes
+    ----------
+    image : ndarray, shape (2, n)
+    by : ndarray, shape (2, n, 2*n)
+        Derivatives by the start, then by the rest.
+    parts : ndarray, shape (2, 2*n)
+        Start and rest.
+    """
 
     image: Box
-    by_start: Box
-    start: Box
-    by_rest: Box
-    rest: Box
+    by: Box
+    parts: Box
 
     def box(self) -> Box:
         """Return a box that holds them."""
-        return boxes.add(self.image, self.beside(self.by_start, self.by_rest))
-
-    def beside(self, by_start: Box, by_rest: Box) -> Box:
-        """Return what two matrices make of start and rest."""
-        return boxes.add(boxes.product(by_start, self.start), boxes.product(by_rest, self.rest))
+        return boxes.add(self.image, boxes.product(self.by, self.parts))
 
     def along(self, slopes: Box) -> Box:
-        """Return what a function differs by from its value in the middle of the image, by its derivatives: a row."""
+        """Return what functions differ by from their values in the middle of the image, by their derivatives: a row each."""
         off = boxes.subtract(self.image, boxes.point(boxes.middle(self.image)))
-        both = self.beside(boxes.product(slopes, self.by_start), boxes.product(slopes, self.by_rest))
-        return boxes.add(boxes.product(slopes, off), both)
+        return boxes.add(boxes.product(slopes, off), boxes.product(boxes.product(slopes, self.by), self.parts))
 
 
 @dataclass(frozen=True)
@@ -75,18 +77,23 @@ class Carried:
             np.zeros((2, n)),
         )
 
+    @property
+    def parts(self) -> Box:
+        """Start and rest."""
+        return np.concatenate([self.start, self.rest], axis=1)
+
+    @property
+    def by_parts(self) -> Box:
+        """What start and rest are multiplied by."""
+        return boxes.point(np.concatenate([self.spread, self.scales[:, None] * self.frame], axis=1))
+
     def box(self) -> Box:
         """Return a box that holds the set."""
-        beside = boxes.product(boxes.point(self.scales[:, None] * self.frame), self.rest)
-        return boxes.add(
-            boxes.add(boxes.point(self.point), boxes.product(boxes.point(self.spread), self.start)), beside
-        )
+        return boxes.add(boxes.point(self.point), boxes.product(self.by_parts, self.parts))
 
     def seen(self, image: Box, jacobian: Box) -> Seen:
         """Return the image of the set under a map, by its value at the point and its derivatives over the set."""
-        frame = boxes.point(self.scales[:, None] * self.frame)
-        by_start = boxes.product(jacobian, boxes.point(self.spread))
-        return Seen(image, by_start, self.start, boxes.product(jacobian, frame), self.rest)
+        return Seen(image, boxes.product(jacobian, self.by_parts), self.parts)
 
 
 def carried(seen: Seen, scales: Floats) -> Carried:
@@ -98,16 +105,18 @@ def carried(seen: Seen, scales: Floats) -> Carried:
     scales : ndarray, shape (n,)
         Of the new set.
     """
-    point, spread = boxes.middle(seen.image), boxes.middle(seen.by_start)
-    lost = boxes.product(boxes.subtract(seen.by_start, boxes.point(spread)), seen.start)
+    n = len(scales)
+    (by_start, by_rest), (start, rest) = np.split(seen.by, [n], axis=2), np.split(seen.parts, [n], axis=1)
+    point, spread = boxes.middle(seen.image), boxes.middle(by_start)
+    lost = boxes.product(boxes.subtract(by_start, boxes.point(spread)), start)
     lost = boxes.add(lost, boxes.subtract(seen.image, boxes.point(point)))
     # by powers of two, which is exact, but for numbers below the least normal one
-    turned, lost = boxes.outward(seen.by_rest / scales[:, None]), boxes.outward(lost / scales)
+    turned, lost = boxes.outward(by_rest / scales[:, None]), boxes.outward(lost / scales)
     directions = boxes.middle(turned)
-    lengths = boxes.size(turned).max(axis=0) * boxes.width(seen.rest)  # an order of columns, which proves nothing
+    lengths = boxes.size(turned).max(axis=0) * boxes.width(rest)  # an order of columns, which proves nothing
     frame = orthogonal(directions[:, np.argsort(-lengths, kind="stable")])
     if (off := off_orthogonal(frame)) >= FAR:
         frame, off = np.eye(len(frame)), 0.0
     both = solved(frame, off, np.concatenate([turned, lost[:, :, None]], axis=2))
-    rest = boxes.add(boxes.product(both[:, :, :-1], seen.rest), both[:, :, -1])
-    return Carried(point, spread, seen.start, scales, frame, rest)
+    rest = boxes.add(boxes.product(both[:, :, :-1], rest), both[:, :, -1])
+    return Carried(point, spread, start, scales, frame, rest)
