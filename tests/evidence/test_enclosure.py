@@ -199,7 +199,7 @@ REFUSED = {
     "granular_box": "contact 'walls' ends the smooth motion",
     "stick_slip_belt": "friction 'belt' ends the smooth motion",
     "thrown_ball": "event 'landing' has action = 'stop', and bounds hold for one smooth motion; let it record",
-    "cart_spring": "drive 'restoring' is a table, whose pieces meet in corners; write it as an expression",
+    "cart_spring": "drive 'restoring' is a table of 'x', whose points are met at times that are not known before; write it as",
 }
 
 

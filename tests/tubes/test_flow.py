@@ -107,8 +107,8 @@ def test_no_motion_leaves_the_box_of_its_step() -> None:
     for proof, _ in zip(Flow(problem, order, 0.5).until([time_box(1.0)]), range(12), strict=False):
         span, time = np.array([0.0, proof.end[1] - proof.begin[0]]), np.array([proof.begin[0], proof.end[1]])
         start, box = boxes.hull(box, boxes.point(proof.set.point)), proof.after
-        around = series.of(proof.begin, start)[:, :-1, :, 0]
-        last = series.of(time, proof.within)[:, -1, :, 0]
+        around = series.of(proof.begin, start, proof.held)[:, :-1, :, 0]
+        last = series.of(time, proof.within, proof.held)[:, -1, :, 0]
         powers = boxes.power(span, order + 1)[:, None]
         reached = boxes.add(Polynomials(order, 3).at(span, around), boxes.multiply(last, powers))
         slack = 1e-9 * boxes.size(proof.within)

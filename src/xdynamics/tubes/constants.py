@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, StoreTo
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.gradients import NOW, StraightLines, Value, number
+from xdynamics.tubes.step_constants import HELD
 from xdynamics.tubes.tangents import SEED, with_tangents
 
 
@@ -30,6 +31,7 @@ class Constants:
         self._values: list[Value] = []
         self._places: dict[Place | int, Place] = {}
         self._uncertain: list[tuple[int, Floats]] = []
+        self._held: list[tuple[int, Floats]] = []
 
     @property
     def count(self) -> int:
@@ -43,7 +45,9 @@ class Constants:
                 case Load() if line.place.array == "y" or line.place == NOW:
                     yield line
                 case Load():
-                    yield Load(line.target, self._at(line.place, self._straight.constants[line.place]))
+                    held = line.place.array == HELD
+                    value = line.place if held else self._straight.constants[line.place]
+                    yield Load(line.target, self._at(line.place, value))
                 case Compute():
                     given: list[Operand] = []
                     for operand in line.arguments:
@@ -100,12 +104,16 @@ class Constants:
             constant, seed = divmod(row, self._seeds)
             array[row, :2] = float(seed == self._used + constant)
         for value, where in zip(self._values, array[self._rows :], strict=True):
-            if isinstance(value, int):
+            if isinstance(value, Place):
+                self._held.append((value.offset, where))
+            elif isinstance(value, int):
                 self._uncertain.append((value, where))
             else:
                 where[:2] = number(value)[:, 0]
 
-    def take(self, start: Box) -> None:
-        """Write what is uncertain."""
+    def take(self, start: Box, held: Floats) -> None:
+        """Write what is uncertain, and what holds for a step."""
         for i, place in self._uncertain:
             place[:2] = start[:, i]
+        for i, place in self._held:
+            place[:2] = held[i]

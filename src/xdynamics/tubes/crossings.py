@@ -54,6 +54,8 @@ class Crossings:
     ----------
     functions : Functions
         The function, and its rate along the motion.
+    jumping : bool
+        Whether the function reads a table, and may jump where two of its pieces meet.
     found : list of Crossing
     begun_at_zero : bool
         Whether the function may be zero at the start.
@@ -62,6 +64,7 @@ class Crossings:
     """
 
     functions: Functions
+    jumping: bool = False
     found: list[Crossing] = field(default_factory=list)
     begun_at_zero: bool = False
     unknown_from: float = np.inf
@@ -78,10 +81,12 @@ class Crossings:
         self._last = proof
         time = np.array([proof.begin[0], proof.end[1]])
         # most steps are told from all that motions come by, without looking at their pieces
-        everywhere = _sign(self.functions.at_start(time, proof.within)[:, 0])
+        everywhere = _sign(self.functions.at_start(time, proof.within, proof.held)[:, 0])
         whole = [(_Piece(proof, time, 0), everywhere)]
         for piece, sign in whole if everywhere else self._pieces(proof, time, DEEPEST):
             if sign:
+                if not self._open and self._sign * sign < 0:
+                    self.unknown_from = float(piece.time[0])  # it jumped
                 self._close(sign)
                 self._sign, self._open = sign, []
             else:
@@ -112,7 +117,8 @@ class Crossings:
         if not self._open or self.unknown_from < np.inf:
             return
         rates = {piece.rate for piece in self._open}
-        if len(rates) > 1 or 0 in rates or (self._sign == 0 and sign not in rates):
+        laws = {piece.proof.held.tobytes() for piece in self._open}
+        if len(rates) > 1 or (self.jumping and len(laws) > 1) or 0 in rates or (self._sign == 0 and sign not in rates):
             self.unknown_from = float(self._open[0].time[0])
         elif self._sign == 0:
             self.begun_at_zero = True

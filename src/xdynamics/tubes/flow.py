@@ -51,6 +51,8 @@ class Proof:
         A box that holds them at its end.
     used : int
         How many numbers move.
+    held : ndarray
+        What holds for the step: `StepConstants.at`.
     seen_after : Seen, optional
         All motions at the end.
     """
@@ -63,6 +65,7 @@ class Proof:
     within: Box
     after: Box
     used: int
+    held: Floats
     seen_after: Seen | None = None
 
     def mapped(self, time: Box) -> tuple[Box, Box]:
@@ -120,6 +123,7 @@ class Flow:
         self._largest = boxes.size(start)
         self.set = Carried.of(start, self._scales())
         self.box, self.time = start, self.problem.time
+        self.regime, self.held = float(self.problem.regime), np.empty(0)
 
     def of(self, start: Box) -> Flow:
         """Return the flow from another set of starts, by the same programs: both may not go on at once in two threads."""
@@ -141,7 +145,8 @@ class Flow:
         ends : sequence of ndarray, shape (2,)
             Ascending.
         """
-        for end in ends:
+        nodes = [boxes.point(float(node)) for node in self.problem.constants.nodes]
+        for end in sorted([*ends, *(node for node in nodes if node[0] < ends[-1][0])], key=lambda end: float(end[0])):
             while self.time[1] < end[1]:
                 try:
                     proof = self._step(end)
@@ -161,6 +166,9 @@ class Flow:
     @np.errstate(all="ignore")  # bounds that are beyond the range of floats are looked for
     def _step(self, end: Box) -> Proof:
         p, used = self.order, self.problem.used
+        self.held = self.problem.constants.at(self.regime, float(self.time[0]))
+        if lacking := self.problem.constants.lacking(self.held):
+            raise UndefinedError(lacking)
         # the theorem of the mean asks for derivatives between the point and every state of the set
         start = boxes.hull(self.box, boxes.point(self.set.point))
         centre = self._expanded(self._plain, boxes.point(self.set.point))[:, : p + 1]
@@ -185,7 +193,7 @@ class Flow:
         whole = np.zeros((2, p + 2, n + n * n))
         whole[:, :-1, :n], whole[:, -1, :n] = centre[..., 0], remainder
         whole[:, :-1, n:] = around[..., 1:].reshape(2, p + 1, n * n)
-        proof = Proof(self.time, landing, self._polynomials, whole, self.set, within, self.box, used)
+        proof = Proof(self.time, landing, self._polynomials, whole, self.set, within, self.box, used, self.held)
         seen = proof.seen(landing)
         self._largest = np.maximum(self._largest, boxes.size(reached))
         self.set = carried(seen, self._scales())
@@ -198,7 +206,7 @@ class Flow:
 
     def _expanded(self, series: MotionSeries, start: Box) -> Box:
         """Return coefficients, with those of uncertain constants: their values, and nothing further."""
-        return self._with_constants(series.of(self.time, start), start)
+        return self._with_constants(series.of(self.time, start, self.held), start)
 
     def _with_constants(self, found: Box, start: Box) -> Box:
         used, number = self.problem.used, start.shape[1]
@@ -236,7 +244,7 @@ class Flow:
             slack[used:] = 0.0
             candidate = np.stack([reached[0] - slack, reached[1] + slack])
             try:
-                found = self._plain.of(time, candidate)
+                found = self._plain.of(time, candidate, self.held)
             except UndefinedError as error:
                 self.reason = str(error)
                 return None

@@ -12,12 +12,13 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import values_of
 from xdynamics.kernels.program import AT, Compute, Line, Load, Loop, Place, Program, StoreTo, T
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.constants import Constants
 from xdynamics.tubes.enclosed_programs import PARTS, EnclosedProgram
 from xdynamics.tubes.flow import Proof
 from xdynamics.tubes.gradients import StraightLines
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
+from xdynamics.tubes.step_constants import HELD, with_pieces
 from xdynamics.tubes.tangents import SEED
 
 UNKNOWN = np.array([[-np.inf], [np.inf]])
@@ -37,8 +38,10 @@ class Functions:
         self.count, self._used, numbers = len(trees), problem.used, problem.start.shape[1]
         if not trees:
             return
-        stored = tuple(line for line in values_of(layout, trees).body if isinstance(line, Load | Compute | StoreTo))
+        body = [line for line in values_of(layout, trees).body if isinstance(line, Line)]
+        stored = tuple(line for line in with_pieces(body) if isinstance(line, Load | Compute | StoreTo))
         straight = StraightLines(stored, problem.motions.straight.constants, literals_of(stored))
+        self.reads_tables = any(isinstance(line, Load) and line.place.array == HELD for line in stored)
         self._constants = constants = Constants(straight, self._used, numbers, numbers)
         lines: list[Line] = [*constants.lines()]
         tangents = {Place("z", k): Place("z", self.count + k * numbers, ((SEED, 1),)) for k in range(self.count)}
@@ -55,7 +58,7 @@ class Functions:
         for i in range(self._used):
             self._state[self._used + i * numbers + i, :2] = 1.0
 
-    def over(self, time: Box, states: Box) -> tuple[Box, Box]:
+    def over(self, time: Box, states: Box, held: Floats) -> tuple[Box, Box]:
         """Return the values over a box, and their derivatives by the numbers of a set; infinite bounds where none is known.
 
         Returns
@@ -64,7 +67,7 @@ class Functions:
         ndarray, shape (2, count, numbers)
         """
         self._time[:2], self._state[: self._used, :2] = time, states[:, : self._used].T
-        self._constants.take(states)
+        self._constants.take(states, held)
         self._program.run()
         return _known(self._values), _known(self._slopes)
 
@@ -78,16 +81,16 @@ class Functions:
             return np.zeros((2, 0))
         seen, states = proof.seen(time), proof.at(time)
         middle = boxes.point(boxes.middle(seen.image))
-        (found, _), (centre, _) = self.over(time, states), self.over(time, middle)
-        _, slopes = self.over(time, boxes.hull(states, middle))  # between the middle and any state
+        (found, _), (centre, _) = (self.over(time, box, proof.held) for box in (states, middle))
+        _, slopes = self.over(time, boxes.hull(states, middle), proof.held)  # between the middle and any state
         sloped = boxes.add(centre, seen.along(slopes))
         # where there is a corner, there is no derivative, and still a value
         smooth = np.isfinite(slopes).all(axis=(0, 2)) & np.isfinite(sloped).all(axis=0)
         return np.where(smooth, boxes.common(found, sloped), found)
 
-    def at_start(self, time: Box, states: Box) -> Box:
+    def at_start(self, time: Box, states: Box, held: Floats) -> Box:
         """Return bounds of the values over a box."""
-        return self.over(time, states)[0] if self.count else np.zeros((2, 0))
+        return self.over(time, states, held)[0] if self.count else np.zeros((2, 0))
 
 
 def _squared(line: Line) -> Line:

@@ -19,7 +19,8 @@ from xdynamics.elementary.intervals import Intervals
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
 from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, StoreTo
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.boxes import Box, Floats
+from xdynamics.tubes.step_constants import HELD
 
 NOW = Place("at", AT.index("t"))
 _INTERVALS = Intervals(FUNCTIONS)
@@ -77,7 +78,7 @@ class StraightLines:
     ----------
     lines : sequence of Line
     constants : mapping of Place to Value
-        What is read and does not change: a float, an interval, or the number of what is uncertain in it.
+        What is read and never changes: a float, an interval, or the number of what is uncertain in it.
     literals : mapping of int to Value
         The exact values of the operands that are numbers and no floats, by their identity.
     """
@@ -87,7 +88,7 @@ class StraightLines:
     literals: Mapping[int, Value]
 
     @np.errstate(all="ignore")
-    def over(self, time: Box, states: Box, *, derivatives: bool = False) -> dict[Place, Value]:
+    def over(self, time: Box, states: Box, held: Floats, *, derivatives: bool = False) -> dict[Place, Value]:
         """Return what is stored over a box, perhaps with the derivatives by the numbers of a set."""
         numbers = states.shape[1]
         given = [seed(states[:, i], i, numbers if derivatives else 0) for i in range(numbers)]
@@ -98,6 +99,8 @@ class StraightLines:
                 return given[place.offset]
             if place == NOW:
                 return time.reshape(2, 1)
+            if place.array == HELD:
+                return float(held[place.offset])
             value = self.constants[place]
             return given[value] if isinstance(value, int) else value
 

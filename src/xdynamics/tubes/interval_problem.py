@@ -8,17 +8,20 @@ from fractions import Fraction
 
 import numpy as np
 
+from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels.jets.motion import Motion, needed
 from xdynamics.kernels.layout import layout_of
 from xdynamics.kernels.model_programs import forces_by_elements
-from xdynamics.kernels.program import AT, Compute, Instruction, Place
+from xdynamics.kernels.program import Compute, Instruction, Place
 from xdynamics.model import Model
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants, first_regime
 from xdynamics.model.parts import Parameter
 from xdynamics.tubes.boxes import Box, enclosed, hull, point
 from xdynamics.tubes.gradients import StraightLines, Value
 from xdynamics.tubes.series import Motions
+from xdynamics.tubes.step_constants import StepConstants, with_pieces
 from xdynamics.units import CONSTANTS, Quantity, constant
 from xdynamics.units.rounded import exact_value
 
@@ -34,19 +37,33 @@ class IntervalProblem:
     motions : Motions
     names : tuple of str
         Of the numbers of a set: coordinates, velocities, states, then constants that are uncertain.
-    time : ndarray, shape (2,)
+    begin : float, s
     start : ndarray, shape (2, numbers)
+    constants : StepConstants
+    regime : int
+        At the start.
     """
 
     motions: Motions
     names: tuple[str, ...]
-    time: Box
+    begin: float
     start: Box
+    constants: StepConstants
+    regime: int
 
     @property
     def used(self) -> int:
         """How many numbers move."""
         return self.motions.motion.used
+
+    @property
+    def time(self) -> Box:
+        """The time of the start, shape (2,)."""
+        return self.time_of(self.begin)
+
+    def time_of(self, time: float) -> Box:
+        """Return an interval that holds a time: as it is written, or of tables, whose points are floats, the float."""
+        return point(float(time)) if self.constants.tables else time_box(time)
 
 
 def interval_problem_of(model: Model) -> IntervalProblem:
@@ -61,10 +78,10 @@ def interval_problem_of(model: Model) -> IntervalProblem:
         raise InputError(f"model '{model.name}' cannot be enclosed: " + "; ".join(faults))
     layout = layout_of(model)
     motion = Motion(layout.coordinates.size, layout.states.size)
-    lines = needed(forces_by_elements(layout).body, motion)
+    lines = tuple(with_pieces(needed(forces_by_elements(layout).body, motion)))
     used, uncertain = tuple(layout.used), list[str]()
     start = [_enclosed(model.initial[name], model.starts.get(name)) for name in used]
-    places: dict[Place, Value] = {Place("at", AT.index("regime")): float(first_regime(model))}
+    places: dict[Place, Value] = {}
     for i, (name, value) in enumerate(_constants(model).items()):
         if name in model.parameters and _half_width(model.parameters[name]) > 0:
             places[Place("p", i)] = len(used) + len(uncertain)
@@ -73,7 +90,8 @@ def interval_problem_of(model: Model) -> IntervalProblem:
         else:
             places[Place("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
     motions = Motions(StraightLines(lines, places, literals_of(lines)), motion)
-    return IntervalProblem(motions, (*used, *uncertain), time_box(model.initial["t"].si), np.stack(start, axis=1))
+    whole, names = np.stack(start, axis=1), (*used, *uncertain)
+    return IntervalProblem(motions, names, model.initial["t"].si, whole, StepConstants.of(model), first_regime(model))
 
 
 def literals_of(lines: Iterable[Instruction]) -> dict[int, Value]:
@@ -155,9 +173,20 @@ def _faults(model: Model) -> Iterator[str]:
     if model.constraints:
         name = next(iter(model.constraints))
         yield f"constraint '{name}' is kept by projections, which no bound follows; write the motion in free coordinates"
-    if model.drives:
-        name = next(iter(model.drives))
-        yield f"drive '{name}' is a table, whose pieces meet in corners; write it as an expression of its argument"
+    yield from _faulty_numbers(model)
+
+
+def _faulty_numbers(model: Model) -> Iterator[str]:
+    """Yield which tables, and which numbers that others follow from, no bounds are proven of."""
+    for name, at in model.looked_up_at.items():
+        if at != CLOCK:
+            yield (
+                f"drive '{name}' is a table of '{text_of(model.drives[name].argument)}', whose points are met at times that are not known"
+                " before; write it as an expression"
+            )
+            break
+    if wide := [name for name in sorted(model.read_by_points) if _half_width(model.parameters.get(name))]:
+        yield f"the times of a table's points depend on '{wide[0]}', which has a half_width; write it as a number"
     if "t" in model.starts and _half_width(model.starts["t"]):
         yield "the time of the start has a half_width; give it to the state there"
     if wide := [name for name in sorted(model.read_at_start) if _half_width(model.parameters.get(name))]:

@@ -14,7 +14,7 @@ import numpy as np
 from xdynamics.kernels.jets.expansion import expansion
 from xdynamics.kernels.jets.motion import Motion
 from xdynamics.kernels.program import AT, Line, Load, Loop, Place, Program, StoreTo, T
-from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.constants import Constants
 from xdynamics.tubes.enclosed_programs import EnclosedProgram
 from xdynamics.tubes.gradients import StraightLines, Undefined
@@ -61,13 +61,15 @@ class MotionSeries:
         for i in range(self._used if self._seeds else 0):
             self._state[self._used + i * self._seeds + i, :2] = 1.0
 
-    def of(self, time: Box, start: Box) -> Box:
+    def of(self, time: Box, start: Box, held: Floats) -> Box:
         """Return the coefficients.
 
         Parameters
         ----------
         time : ndarray, shape (2,)
         start : ndarray, shape (2, numbers)
+        held : ndarray
+            What holds for a step: `StepConstants.at`.
 
         Returns
         -------
@@ -80,19 +82,19 @@ class MotionSeries:
         """
         used = self._used
         self._time[:2], self._state[:used, :2] = time, start[:, :used].T
-        self._constants.take(start)
+        self._constants.take(start, held)
         self._program.run()
         if self._found[..., 2].any() or not np.isfinite(self._found).all():
-            raise UndefinedError(self._reason(time, start))
+            raise UndefinedError(self._reason(time, start, held))
         found = np.empty((2, self._degree + 1, used, 1 + self._seeds))
         for end in range(2):
             found[end, :, :, 0] = self._found[:, :used, end]
             found[end, :, :, 1:] = self._found[:, used:, end].reshape(self._degree + 1, used, self._seeds)
         return found
 
-    def _reason(self, time: Box, start: Box) -> str:
+    def _reason(self, time: Box, start: Box, held: Floats) -> str:
         """Say what is not defined for some of the states."""
-        found = self._motions.straight.over(time, start, derivatives=True)
+        found = self._motions.straight.over(time, start, held, derivatives=True)
         reasons = [value.reason for value in found.values() if isinstance(value, Undefined)]
         return reasons[0] if reasons else "a number is beyond the range of floats"
 

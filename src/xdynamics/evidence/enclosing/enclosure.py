@@ -51,8 +51,9 @@ def enclose(
     Parameters
     ----------
     model : Model
-        Smooth, of first or second order. Values at the start and parameters with a `half_width` are intervals, all others
-        the numbers that are written.
+        Smooth between the points of its tables, which are of time, and of first or second order. Values at the start and
+        parameters with a `half_width` are intervals, all others the numbers that are written; pieces of tables are the
+        polynomials of floats that runs look up.
     until : str or float
         Time up to which to prove; by default the last of `at`, else that of the model's `[run]`.
     at : times, optional
@@ -87,7 +88,7 @@ def enclose(
     Raises
     ------
     InputError
-        If the model has what no bounds are proven of: impacts, forces in Python, tables; or a setting is wrong.
+        If the model has what no bounds are proven of: impacts, forces in Python, tables of the motion; or a setting is wrong.
 
     Notes
     -----

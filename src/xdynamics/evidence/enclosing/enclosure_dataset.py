@@ -88,6 +88,8 @@ def proposition(model: Model, tube: Tube) -> str:
     )
     if ignored := unbounded(model):
         text += f" Standard uncertainties, of {', '.join(ignored)}, are no bounds: the values alone count."
+    if model.drives:
+        text += " Times are floats here, and tables the polynomials of floats that runs look up."
     return text
 
 

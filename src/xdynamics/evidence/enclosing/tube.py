@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.model import Model
 from xdynamics.model.detectors import OCCASION, Detector, function_rate
-from xdynamics.tubes import Flow, IntervalProblem, Proof, interval_problem_of
+from xdynamics.tubes import Flow, IntervalProblem, Proof, boxes, interval_problem_of
 from xdynamics.tubes.boxes import Box
 from xdynamics.tubes.crossings import Crossing, Crossings
 from xdynamics.tubes.functions import Functions
-from xdynamics.tubes.interval_problem import time_box
 
 if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
@@ -100,7 +99,7 @@ def proven(
     observed = Functions(flow.problem, layout, list(layout.derived.values()))
     events = [_event(flow.problem, layout, detector) for detector in _recorded(layout)]
     collected = _Collected(flow, observed, start, times)
-    until, steps, reached = time_box(end), 0, start
+    until, steps, reached = flow.problem.time_of(end), 0, start
     for proof in flow.until([until]):
         steps += 1
         reached = end if proof.end is until else float(proof.end[0])
@@ -132,17 +131,21 @@ def _recorded(layout: Layout) -> list[Detector]:
 
 def _event(problem: IntervalProblem, layout: Layout, detector: Detector) -> EventBounds:
     trees = [detector.looked_at, function_rate(layout.model, detector)]
-    return EventBounds(detector.name, detector.direction, Crossings(Functions(problem, layout, trees)))
+    jumping = bool(problem.constants.tables) and Functions(problem, layout, trees[:1]).reads_tables
+    return EventBounds(detector.name, detector.direction, Crossings(Functions(problem, layout, trees), jumping))
 
 
 class _Collected:
     """Bounds after every step, or at wanted times."""
 
     def __init__(self, flow: Flow, observed: Functions, start: float, times: Sequence[float] | None) -> None:
-        self._observed, self._used = observed, flow.problem.used
-        self._wanted = None if times is None else [(place, time_box(time)) for place, time in enumerate(times)]
+        self._observed, self._used, self._law = observed, flow.problem.used, flow.problem.constants
+        self._wanted = (
+            None if times is None else [(place, flow.problem.time_of(time)) for place, time in enumerate(times)]
+        )
         unknown = np.full((2, self._used + observed.count), np.nan)
-        at_start = np.concatenate([flow.box[:, : self._used], observed.at_start(flow.time, flow.box)], axis=1)
+        held = flow.problem.constants.at(flow.regime, float(flow.time[0]))
+        at_start = np.concatenate([flow.box[:, : self._used], observed.at_start(flow.time, flow.box, held)], axis=1)
         self.times = [start] if times is None else list(times)
         self.rows = [at_start] if times is None else [unknown] * len(times)
         for place, time in self._wanted or ():
@@ -160,4 +163,8 @@ class _Collected:
                 self.rows[place] = self._row(proof, time, proof.at(time))
 
     def _row(self, proof: Proof, time: Box, states: Box) -> Box:
-        return np.concatenate([states[:, : self._used], self._observed.within(proof, time)], axis=1)
+        found = self._observed.within(proof, time)
+        after = self._law.at(proof.held[0], float(time[1]))
+        if not (np.array_equal(after, proof.held) or self._law.lacking(after)):  # a piece ends there, another begins
+            found = boxes.hull(found, self._observed.within(replace(proof, held=after), time))
+        return np.concatenate([states[:, : self._used], found], axis=1)
