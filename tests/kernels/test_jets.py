@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import mpmath
@@ -17,9 +18,10 @@ from xdynamics.elementary.fma import fma
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Motion, UnexpandedError, expansion
-from xdynamics.kernels.jets.series import reciprocal
+from xdynamics.kernels.jets.looped_order import Looped
+from xdynamics.kernels.jets.series import Series, reciprocal
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.model_programs import expanded
+from xdynamics.kernels.model_programs import expanded, forces, forces_by_elements
 from xdynamics.kernels.program import (
     Compute,
     EngineCall,
@@ -326,6 +328,61 @@ def series_of_bodies(y: Floats, masses: Floats, degree: int) -> Floats:
         v[k + 1] = 1.5 * (masses[None, :, None] * pull).sum(1) / (k + 1)
         q[k + 1] = v[k] / (k + 1)
     return q
+
+
+LINKED = """
+name = "sites"
+[dimensions]
+site = {n}
+[relations.near]
+of = "site"
+neighbours = {reach}
+[coordinates]
+u = {{ unit = "m", dims = ["site"] }}
+[parameters]
+k = "4 N m-1"
+l = "1 m"
+c = "0.3 N s m-1"
+m = "1 kg"
+[mass]
+u = "m"
+[forces.links]
+over = "near"
+u = "c*(second(v_u, near) - first(v_u, near)) + k*l*sin((second(u, near) - first(u, near))/l)"
+[forces.trap]
+u = "-k*(u - mean(u, site)) - k*u**3/l**2"
+[initial]
+u = "0.1*metre*sin(index(site)**2 + 1)"
+"""
+
+
+@pytest.mark.parametrize(("n", "reach"), [(2, 1), (3, 1), (4, 2), (7, 2), (12, 1)])
+def test_what_is_kept_for_other_lines_has_its_series(n: int, reach: int) -> None:
+    """Assert that arrays of links, written and read one element at a time or in loops, have the series of their elements."""
+    model = xd.Model.from_text(LINKED.format(n=n, reach=reach))
+    layout = settings_for(model, method="taylor", step="1 s", until="1 s").layout(model)
+    p, y = np.array([*constants(model).values()]), np.random.default_rng(7).normal(size=layout.record.size)
+    results = []
+    together, apart = forces(layout), forces_by_elements(layout)
+    assert together.local
+    loops = any(isinstance(line, Loop | Reduction) for line in together.body)
+    for program, written_out in [(apart, True), (together, False), *([] if loops else [(together, True)])]:
+        found = expansion(program, Motion(n, 0), 9, written_out=written_out, fused=True)
+        w = np.zeros(found.memory)
+        in_python(found.program)(y=y, w=w, p=p, at=np.zeros(8))
+        results.append(w[: 10 * 2 * n])
+    assert len(results) == (2 if loops else 3)
+    for series in results[1:]:
+        assert series == pytest.approx(results[0], rel=1e-11, abs=1e-11)
+
+
+def test_a_series_is_never_taken_for_one_before_it() -> None:
+    """Assert that what is stored of a series that nobody names again is not what another one has."""
+    lines = Assignments(lambda _lines, name: name, "_e")
+    order = Looped(lines, 4, Place, count(1), started=True, inside=False, stores={}, fused=True)
+    for k in range(100):
+        order.keep(Series(place=Place("w", 4 * k)), f"_v{k}")
+        assert not order.knows(Series(place=Place("w", 400)))
 
 
 def test_links_are_made_once() -> None:

@@ -47,7 +47,7 @@ class InLoops(Coefficients):
         self._moving = moving
         self._serial = count(1)
         self._envs: dict[int, Env] = {}
-        self._stores: dict[int, tuple[Series, list[Line]]] = {}
+        self._stores: dict[Series, list[Line]] = {}
         self._slopes = self._reserve(motion.coordinates + motion.states)
         self._arrays: dict[str, tuple[int, Series]] = {}
         self.time = Series(place=Place(MEMORY, self._reserve(degree + 1)))
@@ -80,7 +80,7 @@ class InLoops(Coefficients):
 
     def finish(self, lines: Sequence[Line]) -> None:
         """Take lines as the program, without what stores coefficients that nothing reads."""
-        unread = {id(line) for series, stores in self._stores.values() if not series.read for line in stores}
+        unread = {id(line) for series, stores in self._stores.items() if not series.read for line in stores}
         self.lines = list(_without(lines, unread))
 
     def body(self, order: Looped, body: Iterable[Line], env: Env, around: tuple[Loop | Reduction, ...]) -> None:

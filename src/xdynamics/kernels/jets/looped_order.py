@@ -44,13 +44,13 @@ class Looped:
         *,
         started: bool,
         inside: bool,
-        stores: dict[int, tuple[Series, list[Line]]],
+        stores: dict[Series, list[Line]],
         fused: bool,
     ) -> None:
         self.lines, self.started, self._stores, self.fused = lines, started, stores, fused
         self._orders, self._room, self._serial, self._inside = orders, room, serial, inside
-        self._now: dict[int, Operand] = {}
-        self._first: dict[int, Operand] = {}
+        self._now: dict[Series, Operand] = {}
+        self._first: dict[Series, Operand] = {}
         self._number: Operand | None = None
         self._sums: list[tuple[Series, Series, str]] = []
 
@@ -93,10 +93,10 @@ class Looped:
             raise UnexpandedError("a total so far")
         if series.place is None:
             return series.terms[0]
-        if id(series) not in self._first:
+        if series not in self._first:
             loaded = self._read(series, series.place)
-            self._first[id(series)] = self.compute("unequal", loaded, 0.0) if series.truth else loaded
-        return self._first[id(series)]
+            self._first[series] = self.compute("unequal", loaded, 0.0) if series.truth else loaded
+        return self._first[series]
 
     def second(self, series: Series) -> Operand:
         """Return the coefficient of order 1, which in the loop's first pass is that of this order."""
@@ -110,11 +110,11 @@ class Looped:
         """Return the coefficient of this order."""
         if self.started and series.constant:
             return 0.0
-        if id(series) not in self._now and series.place is None:
+        if series not in self._now and series.place is None:
             return series.terms[0]
-        if id(series) not in self._now:
-            self._now[id(series)] = self._read(series, self._at(series, int(self.started)))
-        return self._now[id(series)]
+        if series not in self._now:
+            self._now[series] = self._read(series, self._at(series, int(self.started)))
+        return self._now[series]
 
     def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
         """Sum the products: those of inner orders, ascending, then those of an end with the other's beginning."""
@@ -180,17 +180,17 @@ class Looped:
             return
         if series.place is None:
             series.place = self._room(1 if series.constant else self._orders)
-            self._stores[id(series)] = series, []
-        self._now[id(series)] = value
+            self._stores[series] = []
+        self._now[series] = value
         if series.truth:
             value = self.compute("choose", value, 1.0, 0.0)
         self.lines.store(self._at(series, int(self.started)), value)
-        if id(series) in self._stores:
-            self._stores[id(series)][1].append(self.lines.lines[-1])
+        if series in self._stores:
+            self._stores[series].append(self.lines.lines[-1])
 
     def knows(self, series: Series) -> bool:
         """Whether the coefficient of this order is written here."""
-        return id(series) in self._now or (series.constant and bool(series.terms))
+        return series in self._now or (series.constant and bool(series.terms))
 
     def read(self, place: Place) -> Operand:
         """Read a number that does not change."""
@@ -207,7 +207,7 @@ class Looped:
 
     def pass_on(self, series: Series, value: Operand) -> None:
         """Let a value be the coefficient of this order, of a series whose coefficients are never read again."""
-        self._now[id(series)] = value
+        self._now[series] = value
 
     def _at(self, series: Series, ahead: int) -> Place:
         """Return the place of a coefficient: of order 0, or of the loop's."""

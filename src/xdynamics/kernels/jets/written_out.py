@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets.coefficients import Coefficients, Env
 from xdynamics.kernels.jets.motion import Motion
-from xdynamics.kernels.jets.series import MEMORY, Series, reciprocal
+from xdynamics.kernels.jets.series import MEMORY, Order, Series, reciprocal
 from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, Program, StoreTo
 
 
@@ -125,10 +125,21 @@ class WrittenOut(Coefficients):
         self.time = Series(terms={0: self.write.load(Place("at", AT.index("t"))), 1: 1.0})
         self.time.terms |= dict.fromkeys(range(2, degree + 1), 0.0)
         self.states = [Series(terms={0: self.write.load(Place("y", i))}) for i in range(motion.used)]
+        self._elements: dict[Place, Series] = {}
 
     def state(self, place: Place) -> Series:
         """Return the series of a number of the state."""
         return self.states[place.offset]
+
+    def load(self, order: Order, env: Env, line: Load) -> None:
+        """Begin the series of a number that is read, which may be one that was stored."""
+        if line.place in self._elements:
+            env.setdefault(line.target, self._elements[line.place])
+        super().load(order, env, line)
+
+    def store(self, place: Place, series: Series) -> None:
+        """Keep a series for those lines that read it from an array."""
+        self._elements[place] = series
 
 
 def written_lines(
@@ -147,8 +158,10 @@ def written_lines(
                     write.load(order, env, line)
                 case Compute():
                     write.compute(order, env, line)
-                case StoreTo():
-                    raised[motion.raised_by(line.place.offset)] = write.value(env, line.value)
+                case StoreTo(place, value) if motion.has_slope(place):
+                    raised[motion.raised_by(place.offset)] = write.value(env, value)
+                case StoreTo(place, value):
+                    write.store(place, write.value(env, value))
         raised |= {i: write.states[n + i] for i in range(n)}
         for i, slope in sorted(raised.items()):
             write.states[i].terms[k + 1] = order.divided_by(order.now(slope), k + 1)
