@@ -118,6 +118,21 @@ def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
     assert lines[0] == lines[1] < 500
 
 
+def test_passes_left_over_by_neighbours_are_a_loop() -> None:
+    """Assert that two to seven elements beyond a multiple of eight take the same lines, and no pass is written twice."""
+    lines = (Load("x", element("y")), Compute("r", "multiply", ("x", "x")), StoreTo(element("z"), "r"))
+    texts = [llvm_of([program(Loop("i", 40 + rest, lines))], abreast=8) for rest in range(2, 8)]
+    assert len({text.count("\n") for text in texts}) == 1
+    assert texts[0].count("fmul double") == 1
+
+
+def test_an_address_is_written_once_in_a_pass() -> None:
+    """Assert that an element which is read, changed and stored has one address, and another pass has its own."""
+    change = (Load("x", element("z", 5)), Compute("r", "add", ("x", 1.0)), StoreTo(element("z", 5), "r"))
+    text = llvm_of([program(Loop("i", 40, change), Loop("i", 40, change))])
+    assert text.count("ptr %_z, i64 %block") == 2
+
+
 def test_a_value_from_before_a_loop_serves_neighbours() -> None:
     """Assert that what is computed once is repeated for elements side by side, and stays what it was after them."""
     lines = (Load("x", element("y")), Compute("r", "multiply", ("m", "x")), StoreTo(element("z"), "r"))

@@ -256,3 +256,17 @@ def test_halvings_at_once_are_halvings(edge: float) -> None:
         low, high = (low, middle) if middle / edge > 1.0 else (middle, high)
     assert limits._bisected(growth, 0.9, 2.1) == (low, high)  # no public name shows the bits of a bracket
     assert len(calls) <= 12
+
+
+def test_the_bound_on_rates_is_the_squared_matrix() -> None:
+    """Assert the root of its largest row sum, of matrices with few entries (also rows of none) and with many, and not less than any eigenvalue."""
+    random = np.random.default_rng(5)
+    for n, filled in ((1, 1.0), (6, 0.3), (40, 0.05), (40, 0.9)):
+        matrix = random.normal(size=(n, n)) * (random.random((n, n)) < filled)
+        for row in range(n):  # each in turn the largest
+            large = np.where(np.arange(n)[:, None] == row, 100.0 * matrix, matrix)
+            wanted = np.sqrt(np.abs(large @ large).sum(axis=1).max())
+            assert limits.fastest_rate(large) == pytest.approx(wanted, rel=1e-13, abs=0.0)
+        bound = limits.fastest_rate(matrix)
+        assert bound >= np.abs(np.linalg.eigvals(matrix)).max(initial=0.0) * (1.0 - 1e-12)
+    assert limits.fastest_rate(np.zeros((3, 3))) == limits.fastest_rate(np.zeros((0, 0))) == 0.0

@@ -11,8 +11,10 @@ import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model import Function, given_values
-from xdynamics.shapes import Extent, Shapes, at
-from xdynamics.units import parse_quantity, rounded
+from xdynamics.model.motion import constant_names, constant_values, constants
+from xdynamics.shapes import Extent, Relation, Shapes, at
+from xdynamics.shapes.extents import every_two
+from xdynamics.units import UNSCALED, Scales, parse_quantity, rounded
 
 PLANETS = """
 name = "three bodies"
@@ -397,3 +399,29 @@ def test_gaps_may_choose_by_numbers_of_elements(gap: str) -> None:
     xd.Model.from_text(changed(FLOOR, "y - h", gap))
     with pytest.raises(xd.ModelError, match="gap has a kink or a jump"):
         xd.Model.from_text(changed(FLOOR, "y - h", gap.replace("index(ball)", "y/metre").replace("abs(h)", "abs(y)")))
+
+
+def test_constants_in_a_row_are_those_by_name() -> None:
+    """Assert that a law's constants without the names of elements are to the bit those by name, in any scales."""
+    spread = PLANETS.replace(
+        "[mass]", 'q = { dims = ["body"], value = [1, 2, 4], unit = "uC", uncertainty = "1 nC" }\n[mass]'
+    )
+    changed = xd.Model.from_text(spread).replace(parameters={"m[Jupiter]": "3 kg", "G": "2 N m2 kg-2"})
+    for model in (xd.Model.from_text(PLANETS), xd.Model.from_text(spread), changed):
+        for scales in (UNSCALED, Scales(length=3.0, time=7.0, mass=0.1)):
+            by_name = np.array([*constants(model, scales).values()])
+            assert constant_values(model, scales).tobytes() == by_name.tobytes()
+            assert constant_names(model) == tuple(constants(model, scales))
+
+
+def test_links_of_every_two_are_known_as_such() -> None:
+    """Assert it of links that are declared so, and of tables of them by what they are; with a link changed, not."""
+    relations = xd.Model.from_text(PLANETS).shapes.relations
+    first, second = np.triu_indices(5, 1)
+    told = Relation("pair", "body", "body", first, second)
+    others = (second, first), (first, second[[1, 0, *range(2, 10)]]), (first[[0, 4, 2, 3, 1, *range(5, 10)]], second)
+    assert relations["pair"].is_of_every_two
+    assert told.is_of_every_two
+    assert not any(Relation("pair", "body", "body", *ends).is_of_every_two for ends in others)
+    assert not Relation("pair", "body", "wall", first, second).is_of_every_two
+    assert [ends.tolist() for ends in every_two(5)] == [first.tolist(), second.tolist()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,15 +12,6 @@ from xdynamics.shapes import Relation
 PIECES = 16  # stretches of a relation, in each of which ends follow one another, up to which it has no table of ends
 Whole = NDArray[np.int64]
 Pattern = tuple[int, tuple[tuple[int, int], ...]]  # links for an element; the ends and how far from it they are
-
-
-def of_every_two(relation: Relation) -> bool:
-    """Whether a relation has every two elements of a dimension, in their order."""
-    n = round((1 + math.sqrt(1 + 8 * relation.size)) / 2)
-    if relation.source != relation.target or n * (n - 1) // 2 != relation.size or n < 3:
-        return False
-    first, second = np.triu_indices(n, 1)
-    return bool((relation.first == first).all() and (relation.second == second).all())
 
 
 def stretches(numbers: np.ndarray[tuple[int], np.dtype[np.int64]]) -> list[int]:

@@ -126,14 +126,15 @@ class LoopText(ABC):
     @contextmanager
     def _pass(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
         """Print the lines of one pass; what they compute is forgotten after it."""
-        outside = dict(self._values), self._joint, dict(self._pairs), dict(self._places.indices)
-        self._places.indices[line.index] = index
+        places = self._places
+        outside = dict(self._values), self._joint, dict(self._pairs), dict(places.indices), dict(places.addresses)
+        places.indices[line.index] = index
         if isinstance(line, Reduction):
             self._values.update(zip(line.totals, totals, strict=True))
         self._joint = self._joint | together(line.body)
         self._print(line.body)
         yield
-        self._values, self._joint, self._pairs, self._places.indices = outside
+        self._values, self._joint, self._pairs, places.indices, places.addresses = outside
 
     def _loop(self, line: Loop) -> None:
         wide, whole = self._abreast, 0
@@ -255,7 +256,7 @@ class LoopText(ABC):
 
     def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:
         """Print passes of a loop, written out if they are few; return the totals after them."""
-        if step == 1 and last - first <= UNROLLED and (last - first) * size(line.body) <= self._most(line):
+        if step == 1 and last - first <= self._most(line, begun=first > 0):
             for k in range(first, last):
                 totals = self._made(line, Index(k), totals)
             return totals
@@ -272,8 +273,12 @@ class LoopText(ABC):
         lines.begin(f"{label}end")
         return new
 
-    def _most(self, line: Loop | Reduction) -> float:
-        return WRITTEN_OUT if any(isinstance(inner, Loop | Reduction) for inner in line.body) else float("inf")
+    def _most(self, line: Loop | Reduction, *, begun: bool) -> int:
+        """Return up to how many passes are written out; of what passes side by side leave, one: texts of all sizes are alike."""
+        if begun:
+            return 1
+        longest = any(isinstance(inner, Loop | Reduction) for inner in line.body)
+        return min(UNROLLED, WRITTEN_OUT // max(1, size(line.body))) if longest else UNROLLED
 
     def _made(self, line: Loop | Reduction, index: Index, totals: list[Value], *, masked: bool = False) -> list[Value]:
         """Print one pass; return the totals after it."""

@@ -46,6 +46,7 @@ class Places:
     def __init__(self, program: Program, lines: FunctionLines, runs: int) -> None:
         self._program, self._lines, self._runs = program, lines, runs
         self.indices: dict[str, Index] = {}
+        self.addresses: dict[str, str] = {}  # written so far in this pass and those around it
 
     def load(self, place: Place) -> LaneValue:
         """Read a number in every lane."""
@@ -92,17 +93,17 @@ class Places:
         if array == "z" and program.spread:
             return self._row_element(offset, moved)
         for value, stride in moved:
-            number = self._line(f"mul i64 {value}, {stride * runs}") if stride * runs != 1 else value
-            base = self._line(f"getelementptr {scalar}, ptr {base}, i64 {number}")
-        return self._line(f"getelementptr {scalar}, ptr {base}, i64 {offset * runs}") if offset else base
+            number = self._address(f"mul i64 {value}, {stride * runs}") if stride * runs != 1 else value
+            base = self._address(f"getelementptr {scalar}, ptr {base}, i64 {number}")
+        return self._address(f"getelementptr {scalar}, ptr {base}, i64 {offset * runs}") if offset else base
 
     def _row_element(self, offset: int, moved: list[tuple[str, int]]) -> str:
         """Return the address of an element of a row of the log, whose elements are apart."""
         number = str(offset)
         for value, stride in moved:
-            number = self._line(f"add i64 {self._line(f'mul i64 {value}, {stride}')}, {number}")
-        far = self._line(f"mul i64 {number}, %_apart")
-        return self._line(f"getelementptr {self._lines.kind('n')}, ptr %_z, i64 {far}")
+            number = self._address(f"add i64 {self._address(f'mul i64 {value}, {stride}')}, {number}")
+        far = self._address(f"mul i64 {number}, %_apart")
+        return self._address(f"getelementptr {self._lines.kind('n')}, ptr %_z, i64 {far}")
 
     def _read(self, letter: str, place: Place) -> LaneValue:
         lines, scalar = self._lines, {"n": "double", "w": "i64"}[letter]
@@ -138,7 +139,13 @@ class Places:
         return f"<{', '.join(f'i64 {lane * step}' for lane in range(self._lines.lanes))}>"
 
     def _pointers(self, scalar: str, origin: str, steps: str) -> str:
-        return self._line(f"getelementptr {scalar}, ptr {origin}, {self._lines.kind('w')} {steps}")
+        return self._address(f"getelementptr {scalar}, ptr {origin}, {self._lines.kind('w')} {steps}")
+
+    def _address(self, text: str) -> str:
+        """Write a line unless it is there already: a third of a text of loops was addresses written again."""
+        if text not in self.addresses:
+            self.addresses[text] = self._line(text)
+        return self.addresses[text]
 
     def _line(self, text: str) -> str:
         return self._lines.line("p", text).text

@@ -29,26 +29,31 @@ class RowText(LoopText):
             self._rows(line, rows)
 
     def _rows(self, line: Loop, rows: LinkRows) -> None:
-        """Print the first rows one by one, and then as many at once as there are lanes."""
+        """Print as many rows at once as there are lanes; of the first block as many as are left over."""
         wide, first = self._abreast, line.count % self._abreast
-        self._passes(line, 0, first, 1, [])
-        sums = f"{self._lines.label()}sums"
-        self._lines.lines.insert(0, f"%{sums} = alloca double, i64 {wide * len(rows.links.totals)}, align 8")
+        lines, sums = self._lines, f"{self._lines.label()}sums"
+        lines.lines.insert(0, f"%{sums} = alloca double, i64 {wide * len(rows.links.totals)}, align 8")
 
         def made(index: Index, _: list[Value]) -> list[Value]:
-            self._before_block(line, rows, index, sums)
-            last = self._lines.line("p", f"add i64 {index.value}, {wide}").text
-            return self._inner(partial(self._row, line, rows, index, sums), str(index.value), last, [])
+            last, begin, tiled = lines.line("p", f"add i64 {index.value}, {first or wide}").text, index, "0"
+            if first:  # rows of the first block begin at 0, and none is before them
+                is_first = lines.line("p", f"icmp eq i64 {index.value}, 0").text
+                later = lines.line("p", f"sub i64 {last}, {wide}").text
+                begin = Index(lines.line("p", f"select i1 {is_first}, i64 0, i64 {later}").text)
+                tiled = lines.line("p", f"select i1 {is_first}, i64 0, i64 {first}").text
+            self._before_block(line, rows, begin, tiled, sums)
+            return self._inner(partial(self._row, line, rows, begin, sums), str(begin.value), last, [])
 
-        self._inner(made, str(first), str(line.count), [], wide)
+        self._inner(made, "0", str(line.count), [], wide)
 
-    def _before_block(self, line: Loop, rows: LinkRows, index: Index, sums: str) -> None:
-        """Print links of the rows of a block to all elements before it; keep the sums so far."""
-        wide, links, first = self._abreast, rows.links, line.count % self._abreast
+    def _before_block(self, line: Loop, rows: LinkRows, index: Index, first: str, sums: str) -> None:
+        """Print links of the rows of a block to all elements before it, the first ones alone; keep the sums so far."""
+        wide, links = self._abreast, rows.links
         with self._side_by_side(wide), self._pass(replace(line, body=rows.before), Index(index.value, 1), []):
             totals = [self._operand(start) for start in links.starts]
-            totals = self._inner(partial(self._tile, rows, 1), "0", str(first), totals) if first else totals
-            totals = self._inner(partial(self._tile, rows, wide), str(first), str(index.value), totals, wide)
+            if line.count % wide:
+                totals = self._inner(partial(self._tile, rows, 1), "0", first, totals)
+            totals = self._inner(partial(self._tile, rows, wide), first, str(index.value), totals, wide)
             for k, total in enumerate(totals):
                 assert isinstance(total, LaneValue)  # noqa: S101 - rows are of numbers
                 place = self._lines.line("p", f"getelementptr double, ptr %{sums}, i64 {k * wide}").text

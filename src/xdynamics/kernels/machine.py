@@ -175,7 +175,7 @@ def _parsed(text: str) -> Any:
 def optimise(module: Any, machine: Any, level: int, *, unrolling: bool = True) -> None:
     """Run LLVM's passes over a module; none changes the order of IEEE operations."""
     options = llvm.create_pipeline_tuning_options(speed_level=level)
-    options.loop_unrolling = unrolling
+    options.loop_unrolling = options.loop_vectorization = unrolling
     builder = llvm.create_pass_builder(machine, options)
     passes = builder.getModulePassManager()
     passes.run(module, builder)

@@ -9,7 +9,7 @@ import numpy as np
 
 from xdynamics.expressions import Along, Negative, Node
 from xdynamics.expressions.calculus import ZERO
-from xdynamics.kernels.link_patterns import PIECES, Pattern, of_every_two, patterns, stretches
+from xdynamics.kernels.link_patterns import PIECES, Pattern, patterns, stretches
 from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
 from xdynamics.kernels.nest_reductions import Reductions
 from xdynamics.kernels.program import Gather, Loop, Operand, Place, Reduction
@@ -57,13 +57,13 @@ class LinkSums(Reductions):
         index = env[dim]
         if isinstance(index, Link):
             raise UnprintedError
-        if number not in self._arrays and not of_every_two(relation) and not index.gathered:
+        if number not in self._arrays and not relation.is_of_every_two and not index.gathered:
             first, second = (argument != ZERO for argument in node.arguments)
             runs = patterns(relation, (first, second), self.shapes.extent(dim).size)
             if len(runs) <= PIECES:
                 return self._sum_of_links(number, runs, index, env)
         if number not in self._arrays:
-            if of_every_two(relation):
+            if relation.is_of_every_two:
                 self._stage_pairs(relation)
             else:
                 self._stage_links(number, node, relation)

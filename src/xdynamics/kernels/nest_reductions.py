@@ -9,7 +9,6 @@ from fractions import Fraction
 
 from xdynamics.expressions import Along
 from xdynamics.kernels.assignments import CALLED, Assignments
-from xdynamics.kernels.link_patterns import of_every_two
 from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, known_number
 from xdynamics.kernels.nest_loops import NestedLoops
 from xdynamics.kernels.program import Operand, Place, Reduction
@@ -66,7 +65,7 @@ class Reductions(NestedLoops):
             return self.compute(operation, total, term(env))
         dim, *others = dims
         rest = tuple(others)
-        if dim in self.shapes.relations and of_every_two(self.shapes.relations[dim]):
+        if dim in self.shapes.relations and self.shapes.relations[dim].is_of_every_two:
             return self._running_pairs(dim, rest, env, operation, term, total)
         waiting = [(0, self.shapes.extent(dim).size)]
         while waiting:

@@ -46,7 +46,7 @@ from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, ex
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import put_in_si
-from xdynamics.model.motion import constants, first_regime, tables_of
+from xdynamics.model.motion import constant_names, constant_values, first_regime, tables_of
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import LANDED_ON, switch_inputs
 from xdynamics.model.whole import acting, has_wholes, written_out
@@ -299,12 +299,12 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
 
 def _parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str, Floats]:
     """Return the parameters that a law reads; the modes of contacts are the end of them."""
-    known = constants(model, scales)
-    values = np.array([*known.values(), *[0.0] * (2 * bool(model.assemblies))])  # room for addresses, see `_entered`
+    known = constant_values(model, scales)
+    values = np.append(known, [0.0] * (2 * bool(model.assemblies)))  # room for addresses, see `_entered`
     if doubled:
-        values = np.append(values, [_rest_of(model, name) for name in known])
+        values = np.append(values, [_rest_of(model, name) for name in constant_names(model)])
     changing = len(modes(model)) + len(switch_inputs(model))
-    return {"p": values, "modes": values[len(known) - changing : len(known)]}
+    return {"p": values, "modes": values[known.size - changing : known.size]}
 
 
 def _rest_of(model: Model, name: str) -> float:

@@ -38,6 +38,8 @@ class Past(NamedTuple):
 
 def delay_times(model: Model, scales: Scales = UNSCALED) -> Floats:
     """Return the delays as numbers, in SI units over the scales."""
+    if not model.delays:
+        return np.zeros(0)  # without the constants of every element
     known = constants(model, scales)
     return np.array([evaluate(delay, known) for delay in model.delays])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial, reduce
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potential
 from xdynamics.model.controllers import each_tree
 from xdynamics.model.drives import Table
-from xdynamics.model.elementwise import Elementwise, Numbers, always
+from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
 from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
@@ -142,21 +142,17 @@ class Elements:
             name: always(part) for name, part in self.statement.parameters.items()
         }
         for name, values in self.statement.arrays.items():
-            makers[name] = partial(self._parameter, values, *self._numbers(values))
+            makers[name] = ParameterNumbers(self._numbers(values), values.spread, values.description)
         return self._each(makers)
 
-    def _parameter(self, values: Values, numbers: tuple[float, ...], unit: Unit, place: Place) -> Parameter:
-        sizes = zip(place.values(), self.shapes.shape(values.dims), strict=True)
-        i = reduce(lambda before, own: before * own[1] + own[0], sizes, 0)
-        return Parameter(Quantity(numbers[i], unit), values.spread(i), values.description)
-
-    def _numbers(self, values: Values) -> tuple[tuple[float, ...], Unit]:
+    def _numbers(self, values: Values) -> Numbers:
         """Return the numbers of a parameter with dimensions; those of an expression in SI units."""
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
-            return values.numbers, values.unit
-        numbers = evaluate_elements(values.tree, values.dims, _constants(self.statement.unit_constants), self.shapes)
-        return tuple(numbers.ravel().tolist()), unit_of(values)
+            return Numbers(np.reshape(values.numbers, self.shapes.shape(values.dims)), values.unit)
+        constants = _constants(self.statement.unit_constants)
+        numbers = evaluate_elements(values.tree, values.dims, constants, self.shapes)
+        return Numbers(np.reshape(numbers, self.shapes.shape(values.dims)), unit_of(values))
 
     def _mass(self) -> Sequence[tuple[Node, ...]]:
         old, names = self.statement, [*self.statement.coordinates]
@@ -336,8 +332,7 @@ class Elements:
         for name in free_names(tree):
             if dims := self.shapes.dims.get(name, ()):
                 if name in self.statement.arrays:
-                    numbers = [parameters[element].quantity.si for element in self._names(name)]
-                    known[name] = np.array(numbers).reshape(self.shapes.shape(dims))
+                    known[name] = in_si(parameters, Blocks.of("", [name], self.shapes)).reshape(self.shapes.shape(dims))
             elif name in parameters:
                 known[name] = parameters[name].quantity.si
         return known

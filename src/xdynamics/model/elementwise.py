@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.model.parts import Parameter
+from xdynamics.model.uncertainty import Spread
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block, Blocks
@@ -49,17 +51,51 @@ class Numbers:
         return np.array([self.unit.to_si(number) for number in self.numbers.ravel().tolist()])
 
 
-def put_in_si(quantities: Mapping[str, Quantity], blocks: Blocks, numbers: NDArray[np.float64]) -> None:
-    """Put quantities in SI units into an array, in the order of some blocks."""
+class ParameterNumbers:
+    """Makes the parameter of an element from the numbers of all.
+
+    Parameters
+    ----------
+    numbers : Numbers
+    spread : callable
+        Returns what is known of the distribution of an element by its number, the last dimension fastest.
+    description : str
+    """
+
+    def __init__(self, numbers: Numbers, spread: Callable[[int], Spread | None], description: str) -> None:
+        self.numbers, self.spread, self.description = numbers, spread, description
+
+    def __call__(self, place: Mapping[str, int]) -> Parameter:
+        """Return the parameter of an element."""
+        number = 0
+        for own, size in zip(place.values(), self.numbers.numbers.shape, strict=True):
+            number = number * size + own
+        return Parameter(self.numbers(place), self.spread(number), self.description)
+
+    @property
+    def si(self) -> NDArray[np.float64]:
+        """All numbers in SI units, in a row."""
+        return self.numbers.si
+
+
+def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.float64]) -> None:
+    """Put quantities or parameters in SI units into an array, in the order of some blocks."""
     first = 0
     for block in blocks.blocks:
-        if isinstance(quantities, Elementwise) and block.dims and block.name not in quantities.changed:
-            made = quantities.makers[block.name]
-            part: Any = made.si if isinstance(made, Numbers) else quantities[block.first].si
+        if isinstance(values, Elementwise) and block.dims and block.name not in values.changed:
+            made = values.makers[block.name]
+            part = made.si if isinstance(made, Numbers | ParameterNumbers) else values[block.first].si
         else:
-            part = [quantities[name].si for name in block.elements()]
+            part = [values[name].si for name in block.elements()]
         numbers[first : first + block.size] = part
         first += block.size
+
+
+def in_si(values: Mapping[str, Any], blocks: Blocks) -> NDArray[np.float64]:
+    """Return quantities or parameters in SI units, in the order of some blocks."""
+    numbers = np.empty(blocks.size)
+    put_in_si(values, blocks, numbers)
+    return numbers
 
 
 class Elementwise(dict[str, Part]):

@@ -17,7 +17,9 @@ from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.kinds import Source
 from xdynamics.model.section import Section
 from xdynamics.model.table_keys import keys
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Extent, Relation, Shapes
+from xdynamics.shapes.extents import every_two
 
 MOST_ELEMENTS, MOST_LINKS = 1_000_000, 20_000_000
 LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
@@ -66,7 +68,7 @@ def written_extent(value: Extent, *_: Any) -> Any:
     return list(value.labels) if value.labels else value.size
 
 
-# links in use that no table gives: of a model and of its statement they are the same million
+# links in use: of a model, of its statement, and of reading that, they are the same million
 _MADE: WeakValueDictionary[tuple[Any, ...], Relation] = WeakValueDictionary()
 
 
@@ -107,10 +109,16 @@ class Links:
             first, second = self._all(source, target)
         if not len(first):
             raise InputError(f"has no link, and needs one or more: {self._cause(source)}")
-        relation = Relation(name, source.name, target.name, first, second)
+        of_every_two = bool(self.of) and not self.csv and not self.neighbours
+        relation = Relation(name, source.name, target.name, first, second, of_every_two)
         if not self.csv:
-            _MADE[made] = relation
+            _MADE[made] = self._latest[made] = relation
         return relation
+
+    @cached_property
+    def _latest(self) -> dict[tuple[Any, ...], Relation]:
+        """The links, kept as long as what declares them."""
+        return {}
 
     def _cause(self, source: Extent) -> str:
         """Say why there is no link."""
@@ -126,10 +134,7 @@ class Links:
         if count > MOST_LINKS:
             raise InputError(f"has {count} links, {MOST_LINKS} at most; give those that matter as a table")
         if self.of:
-            behind = np.arange(n - 1, -1, -1)  # of how many elements each is the first
-            begins = np.cumsum(behind) - behind  # its links
-            first = np.repeat(np.arange(n), behind)
-            return first, np.arange(count) - np.repeat(begins - np.arange(1, n + 1), behind)
+            return every_two(n)
         return np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
 
     def _near(self, source: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -23,6 +23,7 @@ from xdynamics.model.constraints import bound, conditions, tying
 from xdynamics.model.delays import in_history, is_before, value_at_start
 from xdynamics.model.drive_arguments import CLOCK, in_time
 from xdynamics.model.drives import coefficients, looked_up
+from xdynamics.model.elementwise import Elementwise, in_si
 from xdynamics.model.mass import Assignment, factors, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
@@ -30,6 +31,7 @@ from xdynamics.model.reactions import free, modes, reacting, reactions, unloaded
 from xdynamics.model.switches import Switch, switch_inputs, where_it_decides
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, force, rate, velocity
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import CONSTANTS, TIME, UNSCALED, Scales, constant
 
 ALONG_A_MARCH = "has delayed values, which are known along a march alone, and not at a state by itself"
@@ -135,13 +137,32 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     They are in SI units over the scales. A march that closes a contact changes the modes, which come last.
     """
     dimensions = model.dimensions
-    values = {name: part.quantity.si / scales.of(dimensions[name]) for name, part in model.parameters.items()}
-    values |= {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
+    values = {name: part.si / scales.of(dimensions[name]) for name, part in model.parameters.items()}
+    return values | _unit_constants(model, scales) | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
+
+
+@lru_cache(maxsize=64)
+def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float64]:
+    """Return the values of `constants`, without one of each element of a parameter by its name."""
+    parameters = model.parameters
+    blocks = parameters.names if isinstance(parameters, Elementwise) else Blocks.of("parameter", parameters)
+    values, first = in_si(parameters, blocks), 0
+    for block in blocks.blocks:
+        values[first : first + block.size] /= scales.of(model.dimensions[block.first])
+        first += block.size
+    others = [*_unit_constants(model, scales).values(), *[0.0] * len([*modes(model), *switch_inputs(model)])]
+    values = np.append(values, others)
+    values.flags.writeable = False
+    return values
+
+
+def _unit_constants(model: Model, scales: Scales) -> dict[str, float]:
+    """Return unit constants, pi, and what delayed values are read with."""
+    dimensions = model.dimensions
+    values = {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
     values |= {name: float(constant(name).factor) / scales.of(TIME) for name in model.shaped.calendar}
-    if model.delays:
-        values |= _before(model, scales)
-    return values | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
+    return values | _before(model, scales) if model.delays else values
 
 
 def _before(model: Model, scales: Scales) -> dict[str, float]:

@@ -43,6 +43,11 @@ class Parameter:
     description: str = ""
 
     @property
+    def si(self) -> float:
+        """The value in SI units."""
+        return self.quantity.si
+
+    @property
     def uncertainty(self) -> float:
         """The standard uncertainty in the value's own unit; 0 if none is known."""
         if self.spread is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -77,6 +78,8 @@ class Relation:
         The dimensions of first and second ends; the same one where elements are related among themselves.
     first, second : ndarray of int64, shape (links,)
         The elements at the ends of every link.
+    of_every_two : bool
+        Whether every two elements are linked once, in their order, as is known when links are made so.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Relation:
     target: str
     first: NDArray[np.int64]
     second: NDArray[np.int64]
+    of_every_two: bool = False
 
     @property
     def size(self) -> int:
@@ -94,6 +98,17 @@ class Relation:
     def extent(self) -> Extent:
         """The relation as a dimension, whose elements are its links."""
         return Extent(self.name, self.size)
+
+    @cached_property
+    def is_of_every_two(self) -> bool:
+        """Whether every two elements of a dimension are linked once, in their order."""
+        n = round((1 + math.sqrt(1 + 8 * self.size)) / 2)
+        if self.source != self.target or n * (n - 1) // 2 != self.size or n < 3:
+            return False
+        if self.of_every_two:
+            return True
+        first, second = every_two(n)
+        return bool((self.first == first).all() and (self.second == second).all())
 
     @cached_property
     def meeting(self) -> tuple[dict[int, list[int]], dict[int, list[int]]]:
@@ -169,6 +184,20 @@ class Shapes:
         """Return the names of all elements of a quantity, the last dimension fastest."""
         own = self.dims.get(name, ()) if dims is None else dims
         return [*element_names(name, tuple(map(self.extent, own)))]
+
+
+def every_two(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the ends of links between every two of n elements: of each with those after it.
+
+    Examples
+    --------
+    >>> every_two(3)
+    (array([0, 0, 1]), array([1, 2, 2]))
+    """
+    behind = np.arange(n - 1, -1, -1)  # of how many elements each is the first
+    begins = np.cumsum(behind) - behind  # its links
+    first = np.repeat(np.arange(n), behind)
+    return first, np.arange(first.size) - np.repeat(begins - np.arange(1, n + 1), behind)
 
 
 def element_name(name: str, number: int, extents: tuple[Extent, ...]) -> str:

@@ -38,12 +38,12 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
     if jacobian is None:
         return
     if method.order > 1:
-        turned = step * fastest_rate(jacobian)
+        turned = step * _fastest_rate(start)
         if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
             return
         if surely_stable(jacobian, method, free_coordinates(model), step):
             return
-    unresolved = SLOW * fastest_rate(jacobian) if has_loops(model) else 0.0  # growth that differences may show
+    unresolved = SLOW * _fastest_rate(start) if has_loops(model) else 0.0  # growth that differences may show
     limit, unit = _longest_stable_step(start, growth=unresolved), unit_suffix(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
@@ -88,6 +88,13 @@ class _Start:
 def _jacobian(start: _Start) -> Floats | None:
     """Return the Jacobian, of a law in loops by differences: trees of its elements would take longer than the run."""
     return jacobian_at_start(start.model, start.settings) if has_loops(start.model) else _linearised(start.model)
+
+
+@lru_cache(maxsize=64)
+def _fastest_rate(start: _Start) -> float:
+    """Bound the size of every eigenvalue of the Jacobian, found once."""
+    jacobian = _jacobian(start)
+    return np.inf if jacobian is None else fastest_rate(jacobian)
 
 
 @lru_cache(maxsize=64)
