@@ -198,7 +198,6 @@ REFUSED = {
     "bouncing_ball": "contact 'floor' ends the smooth motion; enclose a model without it",
     "granular_box": "contact 'walls' ends the smooth motion",
     "stick_slip_belt": "friction 'belt' ends the smooth motion",
-    "thrown_ball": "event 'landing' has action = 'stop', and bounds hold for one smooth motion; let it record",
     "cart_spring": "drive 'restoring' is a table of 'x', whose points are met at times that are not known before; write it as",
 }
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.flow import Proof
 from xdynamics.tubes.functions import Functions
 
@@ -56,6 +56,8 @@ class Crossings:
         The function, and its rate along the motion.
     jumping : bool
         Whether the function reads a table, and may jump where two of its pieces meet.
+    fine : bool
+        Whether a part of a step in which there may be a zero is to be as short as can be.
     found : list of Crossing
     begun_at_zero : bool
         Whether the function may be zero at the start.
@@ -65,23 +67,26 @@ class Crossings:
 
     functions: Functions
     jumping: bool = False
+    fine: bool = False
     found: list[Crossing] = field(default_factory=list)
     begun_at_zero: bool = False
     unknown_from: float = np.inf
     _sign: int = 0
     _open: list[_Piece] = field(default_factory=list)
     _last: Proof | None = None
+    _begun: bool = False
 
     def follow(self, proof: Proof) -> None:
         """Look for zeros in a further step."""
         if self.unknown_from < np.inf:
             return
-        if self._last is None:
-            self._sign = _sign(self.functions.within(proof, proof.begin)[:, 0])
+        if not self._begun:
+            self._begun = True
+            self._sign = sign_of(self.functions.within(proof, proof.begin)[:, 0])
         self._last = proof
         time = np.array([proof.begin[0], proof.end[1]])
         # most steps are told from all that motions come by, without looking at their pieces
-        everywhere = _sign(self.functions.at_start(time, proof.within, proof.held)[:, 0])
+        everywhere = sign_of(self.functions.at_start(time, proof.within, proof.held)[:, 0])
         whole = [(_Piece(proof, time, 0), everywhere)]
         for piece, sign in whole if everywhere else self._pieces(proof, time, DEEPEST):
             if sign:
@@ -90,11 +95,37 @@ class Crossings:
                 self._close(sign)
                 self._sign, self._open = sign, []
             else:
-                self._open.append(piece)
+                self._open = [*self._open, piece]  # copies have lists of their own
+
+    @property
+    def side(self) -> int:
+        """The sign of the function where it was last known."""
+        return self._sign
+
+    @property
+    def known_until(self) -> float:
+        """The time from which it is not known whether motions have passed zero; infinite where it is."""
+        return min(self.unknown_from, float(self._open[0].time[0]) if self._open else np.inf)
+
+    def stand(self, side: int) -> None:
+        """Take note that all motions are on one side of zero, or at zero and about to be."""
+        self._sign, self._open, self._begun = side, [], True
+
+    def side_over(self, time: Box, proof: Proof, between: Box, held: Floats) -> int:
+        """Return the sign over an interval in which motions go over from a step's equations to others; 0 if it has both."""
+        return sign_of(self._over(time, proof, between, held)[:, 0])
+
+    def way_over(self, time: Box, proof: Proof, between: Box, held: Floats) -> int:
+        """Return the sign of the rate over such an interval; 0 if it has both."""
+        return sign_of(self._over(time, proof, between, held)[:, 1])
+
+    def _over(self, time: Box, proof: Proof, between: Box, held: Floats) -> Box:
+        before = self.functions.at_start(time, proof.at(time), proof.held)
+        return boxes.hull(before, self.functions.at_start(time, between, held))
 
     def end(self) -> None:
         """Take note that no further step follows."""
-        if self._last is not None and (sign := _sign(self.functions.within(self._last, self._last.end)[:, 0])):
+        if self._last is not None and (sign := sign_of(self.functions.within(self._last, self._last.end)[:, 0])):
             self._close(sign)
             self._open = []
         if self._open and self.unknown_from == np.inf:
@@ -106,8 +137,9 @@ class Crossings:
         middle = boxes.point(float(boxes.middle(time)))
         moved = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
         value = boxes.common(value, boxes.add(self.functions.within(proof, middle)[:, 0], moved))
-        if (sign := _sign(value)) or (_sign(rate) and depth < DEEPEST) or depth == 0:
-            yield _Piece(proof, time, _sign(rate)), sign
+        settled = sign_of(rate) and depth < DEEPEST and not self.fine
+        if (sign := sign_of(value)) or settled or depth == 0:
+            yield _Piece(proof, time, sign_of(rate)), sign
             return
         for half in ((time[0], middle[0]), (middle[0], time[1])):
             yield from self._pieces(proof, np.array(half), depth - 1)
@@ -153,6 +185,6 @@ class Crossings:
         return time
 
 
-def _sign(bounds: Box) -> int:
+def sign_of(bounds: Box) -> int:
     """Return 1 or -1 where all of an interval is above or below zero, else 0."""
     return int(bounds[0] > 0.0) - int(bounds[1] < 0.0)

@@ -79,6 +79,11 @@ class Proof:
         jacobian[:, constant] = np.eye(n)[constant]
         return image, jacobian
 
+    def cut(self, time: float) -> Proof:
+        """Return the part of the step up to a time within it."""
+        end = boxes.point(time)
+        return replace(self, end=end, after=self.at(end), seen_after=self.seen(end))
+
     @np.errstate(all="ignore")
     def seen(self, time: Box) -> Seen:
         """Return all motions at a time, or at any of an interval, within the step."""
@@ -154,6 +159,19 @@ class Flow:
                     self.reason = f"{error}{self._width_said()}"
                     return
                 yield proof
+
+    def land(self, time: Box, seen: Seen, within: Box) -> None:
+        """Go on from where all motions are at a time of the last step."""
+        self.set = carried(seen, self._scales())
+        self.box = boxes.common(boxes.common(self.set.box(), within), seen.box())
+        self.box[:, self.problem.used :] = within[:, self.problem.used :]
+        self.time = time
+
+    def rates(self, time: Box, states: Box, held: Floats) -> Box:
+        """Return the rates of all numbers of a set, over a box; of uncertain constants 0."""
+        found = np.zeros_like(states)
+        found[:, : self.problem.used] = self._plain.of(time, states, held)[:, 1, :, 0]
+        return found
 
     def _width_said(self) -> str:
         """Say how wide the set is, where it is wide."""

@@ -18,6 +18,7 @@ from xdynamics.tubes.enclosed_programs import PARTS, EnclosedProgram
 from xdynamics.tubes.flow import Proof
 from xdynamics.tubes.gradients import StraightLines
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
+from xdynamics.tubes.sets import Seen
 from xdynamics.tubes.step_constants import HELD, with_pieces
 from xdynamics.tubes.tangents import SEED
 
@@ -77,12 +78,16 @@ class Functions:
 
         Both the values over the box and those in the middle, with what their derivatives add, hold them.
         """
+        return self.of_set(time, proof.seen(time), proof.at(time), proof.held)
+
+    @np.errstate(all="ignore")
+    def of_set(self, time: Box, seen: Seen, states: Box, held: Floats) -> Box:
+        """Return bounds of the values for all motions of a set that is seen, and held by a box."""
         if not self.count:
             return np.zeros((2, 0))
-        seen, states = proof.seen(time), proof.at(time)
         middle = boxes.point(boxes.middle(seen.image))
-        (found, _), (centre, _) = (self.over(time, box, proof.held) for box in (states, middle))
-        _, slopes = self.over(time, boxes.hull(states, middle), proof.held)  # between the middle and any state
+        (found, _), (centre, _) = (self.over(time, box, held) for box in (states, middle))
+        _, slopes = self.over(time, boxes.hull(states, middle), held)  # between the middle and any state
         sloped = boxes.add(centre, seen.along(slopes))
         # where there is a corner, there is no derivative, and still a value
         smooth = np.isfinite(slopes).all(axis=(0, 2)) & np.isfinite(sloped).all(axis=0)

@@ -161,11 +161,8 @@ def _faults(model: Model) -> Iterator[str]:
         if event.every is not None:
             yield f"event '{name}' is periodic; give the times at which bounds are wanted as at"
             break
-        if event.action != "record":
-            yield (
-                f"event '{name}' has action = '{event.action}', and bounds hold for one smooth motion; let it record, and"
-                " give until"
-            )
+        if event.action not in ("record", "switch", "stop"):
+            yield f"event '{name}' has action = '{event.action}', which sets the state anew; let it record, and give until"
             break
     if model.controllers:
         name = next(iter(model.controllers))

@@ -91,6 +91,10 @@ class Carried:
         """Return a box that holds the set."""
         return boxes.add(boxes.point(self.point), boxes.product(self.by_parts, self.parts))
 
+    def itself(self) -> Seen:
+        """Return the set as it is."""
+        return Seen(boxes.point(self.point), self.by_parts, self.parts)
+
     def seen(self, image: Box, jacobian: Box) -> Seen:
         """Return the image of the set under a map, by its value at the point and its derivatives over the set."""
         return Seen(image, boxes.product(jacobian, self.by_parts), self.parts)

@@ -54,10 +54,11 @@ def enclosure_dataset(
 def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Return what is known of a proof only once it is made: variables, and attributes too."""
     suffix = unit_suffix(model.time_unit)
+    stopped = f", before the first motion stops at '{tube.stopped}'," if tube.stopped else " to the end,"
     ended = (
         f"no bounds are proven after t = {tube.reached!r}{suffix}: {tube.reason}"
         if tube.reason
-        else f"proven to the end, t = {tube.reached!r}{suffix}, in {tube.steps} steps{_of_parts(tube)}"
+        else f"proven{stopped} t = {tube.reached!r}{suffix}, in {tube.steps} steps{_of_parts(tube)}"
     )
     found: dict[str, tuple[Any, dict[str, Any]]] = {
         "summary": (proposition(model, tube), about("1", "what is proven", "rule")),
@@ -88,6 +89,8 @@ def proposition(model: Model, tube: Tube) -> str:
     )
     if ignored := unbounded(model):
         text += f" Standard uncertainties, of {', '.join(ignored)}, are no bounds: the values alone count."
+    if tube.switches:
+        text += f" On the way every motion goes over to another regime {tube.switches} times."
     if model.drives:
         text += " Times are floats here, and tables the polynomials of floats that runs look up."
     return text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,9 +13,11 @@ from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.model import Model
 from xdynamics.model.detectors import OCCASION, Detector, function_rate
 from xdynamics.tubes import Flow, IntervalProblem, Proof, boxes, interval_problem_of
+from xdynamics.tubes.acting import Acting, Passage, first_passage, follow_past, go_on
 from xdynamics.tubes.boxes import Box
 from xdynamics.tubes.crossings import Crossing, Crossings
 from xdynamics.tubes.functions import Functions
+from xdynamics.tubes.series import UndefinedError
 
 if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
@@ -67,6 +69,10 @@ class Tube:
         Whether these times were asked for; else they are those after each step.
     parts : int
         How many tubes it is joined of.
+    stopped : str
+        The event that stops all motions; empty if none does.
+    switches : int
+        How often all motions go over to another regime.
     """
 
     times: NDArray[np.float64]
@@ -77,6 +83,8 @@ class Tube:
     reason: str
     at_times: bool
     parts: int = 1
+    stopped: str = ""
+    switches: int = 0
 
 
 def proven(
@@ -97,35 +105,108 @@ def proven(
     """
     layout, start = layout_of(model), float(model.initial["t"].si)
     observed = Functions(flow.problem, layout, list(layout.derived.values()))
-    events = [_event(flow.problem, layout, detector) for detector in _recorded(layout)]
-    collected = _Collected(flow, observed, start, times)
+    events = [_event(flow.problem, layout, detector) for detector in _occasions(layout)]
+    acting = [_acting(event, detector, model) for event, detector in zip(events, _occasions(layout), strict=True)]
+    march = _March(flow, _Collected(flow, observed, (start, end), times), events, [event for event in acting if event])
     until, steps, reached = flow.problem.time_of(end), 0, start
-    for proof in flow.until([until]):
+    for proof in march.steps(until):
         steps += 1
         reached = end if proof.end is until else float(proof.end[0])
-        collected.add(proof, reached)
-        for event in events:
-            event.crossings.follow(proof)
         if progress is not None:
             progress((reached - start) / (end - start), reached, steps)
-        if steps >= most and reached < end:
+        if steps >= most and reached < end and not march.stopped:
             flow.reason = f"max_steps = {most} steps were taken"
             break
-    for event in events:
-        event.crossings.end()
+    collected = march.collected
     bounds = np.stack(collected.rows, axis=1)
-    return Tube(np.array(collected.times), bounds, events, steps, reached, flow.reason, times is not None)
+    found, at_times = march.found(), times is not None
+    return Tube(
+        np.array(collected.times),
+        bounds,
+        found,
+        steps,
+        reached,
+        flow.reason,
+        at_times,
+        stopped=march.stopped,
+        switches=march.switches,
+    )
+
+
+class _March:
+    """A proof with the events that record, and those that act.
+
+    Parameters
+    ----------
+    flow : Flow
+    collected : _Collected
+    events : list of EventBounds
+    acting : list of Acting
+        Those of them that act.
+    """
+
+    def __init__(self, flow: Flow, collected: _Collected, events: list[EventBounds], acting: list[Acting]) -> None:
+        self._flow, self.collected, self._events, self._acting = flow, collected, events, acting
+        self._named = {event.name: event for event in acting}
+        self.stopped, self.switches = "", 0
+
+    def steps(self, until: Box) -> Iterator[Proof]:
+        """Prove step after step; yield the part of each up to which no event acts, or the last of all motions has met one."""
+        try:
+            for event in self._acting:
+                event.begin(self._flow)
+            for proof in self._flow.until([until]):
+                yield self._judged(proof)
+                if self.stopped:
+                    return
+        except UndefinedError as error:
+            self._flow.reason = str(error)
+
+    def _judged(self, proof: Proof) -> Proof:
+        """Take what a step proves; where an event acts, go on from there."""
+        recorded = [event.crossings for event in self._events if event.name not in self._named]
+        passage = None
+        if self._acting:
+            proof, passage = first_passage(self._acting, self._flow, proof)
+        if passage is None:
+            self.collected.add(proof)
+            for crossings in recorded:
+                crossings.follow(proof)
+            return proof
+        begin, end = map(float, passage.crossing.time)
+        for crossings in recorded:
+            follow_past(crossings, passage)
+        if passage.event.to < 0:
+            part = proof.cut(begin) if begin > proof.begin[1] else proof
+            self.collected.add(part)
+            passage.event.crossings.found = [*passage.event.crossings.found, passage.crossing]
+            self.stopped = passage.event.name
+            return part
+        go_on(self._flow, passage)
+        self.switches += 1
+        self.collected.pass_over(passage)
+        return proof.cut(end)
+
+    def found(self) -> list[EventBounds]:
+        """Return the events, each with what is known of its zeros."""
+        for event in self._events:
+            if event.name not in self._named:
+                event.crossings.end()
+        return [
+            replace(event, crossings=self._named[event.name].crossings) if event.name in self._named else event
+            for event in self._events
+        ]
 
 
 def unproven(model: Model, times: Sequence[float]) -> Tube:
     """Return the tube at some times before anything is proven: its quantities, which are nan, and its events."""
     layout, problem = layout_of(model), interval_problem_of(model)
     bounds = np.full((2, len(times), problem.used + len(layout.derived)), np.nan)
-    events = [_event(problem, layout, detector) for detector in _recorded(layout)]
+    events = [_event(problem, layout, detector) for detector in _occasions(layout)]
     return Tube(np.array(times), bounds, events, 0, np.nan, "", at_times=True)
 
 
-def _recorded(layout: Layout) -> list[Detector]:
+def _occasions(layout: Layout) -> list[Detector]:
     return [detector for detector in layout.watched if detector.role == OCCASION]
 
 
@@ -135,10 +216,23 @@ def _event(problem: IntervalProblem, layout: Layout, detector: Detector) -> Even
     return EventBounds(detector.name, detector.direction, Crossings(Functions(problem, layout, trees), jumping))
 
 
+def _acting(event: EventBounds, detector: Detector, model: Model) -> Acting | None:
+    """Return an event that acts; None for one that records."""
+    declared = detector.event
+    if declared.action not in ("switch", "stop"):
+        return None
+    to = list(model.regimes).index(declared.to) if declared.action == "switch" else -1
+    zeros = replace(event.crossings, fine=True)
+    return Acting(event.name, event.direction, declared.count, to, zeros)
+
+
 class _Collected:
     """Bounds after every step, or at wanted times."""
 
-    def __init__(self, flow: Flow, observed: Functions, start: float, times: Sequence[float] | None) -> None:
+    def __init__(
+        self, flow: Flow, observed: Functions, span: tuple[float, float], times: Sequence[float] | None
+    ) -> None:
+        (start, self._end), self._flow = span, flow
         self._observed, self._used, self._law = observed, flow.problem.used, flow.problem.constants
         self._wanted = (
             None if times is None else [(place, flow.problem.time_of(time)) for place, time in enumerate(times)]
@@ -152,15 +246,38 @@ class _Collected:
             if time[0] <= flow.time[0]:
                 self.rows[place] = at_start
 
-    def add(self, proof: Proof, reached: float) -> None:
+    def add(self, proof: Proof) -> None:
         """Take what a step proves."""
         if self._wanted is None:
-            self.times.append(reached)
-            self.rows.append(self._row(proof, proof.end, proof.after))
+            self._append(proof.end, self._row(proof, proof.end, proof.after))
             return
         for place, time in self._wanted:
             if proof.begin[0] < time[0] and time[1] <= proof.end[1]:
                 self.rows[place] = self._row(proof, time, proof.at(time))
+
+    def pass_over(self, passage: Passage) -> None:
+        """Take what a step proves in which an event acts: before it, while motions pass, and when the last of them has."""
+        proof, (begin, end) = passage.proof, passage.crossing.time
+        flow = self._flow
+        after = self._observed.of_set(flow.time, flow.set.itself(), flow.box, passage.held)
+        last = np.concatenate([flow.box[:, : self._used], after], axis=1)
+        if self._wanted is None:
+            self._append(flow.time, last)
+            return
+        for place, time in self._wanted:
+            if not (proof.begin[0] < time[0] and time[1] <= end):
+                continue
+            self.rows[place] = self._row(proof, time, proof.at(time))
+            if time[0] == end:
+                self.rows[place] = last
+            elif time[1] >= begin:
+                passed = self._observed.at_start(time, passage.between, passage.held)
+                passed = np.concatenate([passage.between[:, : self._used], passed], axis=1)
+                self.rows[place] = boxes.hull(self.rows[place], passed)
+
+    def _append(self, time: Box, row: Box) -> None:
+        self.times.append(self._end if np.array_equal(time, self._flow.problem.time_of(self._end)) else float(time[0]))
+        self.rows.append(row)
 
     def _row(self, proof: Proof, time: Box, states: Box) -> Box:
         found = self._observed.within(proof, time)
