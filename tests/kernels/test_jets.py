@@ -152,6 +152,19 @@ def test_quotients_by_reciprocals_are_rounded_as_quotients() -> None:
             assert series_of("x*x/7", x, written_out=written_out, degree=2)[1] == 2 * x / 7
 
 
+def test_what_stays_the_same_costs_one_product_in_high_orders() -> None:
+    """Assert that a coefficient of a sum of multiples takes little more operations than what it is a multiple of."""
+
+    def operations(text: str) -> int:
+        """Those of one order more, of a motion with u' = f(u)."""
+        programs = [expansion(of_x(text), OF_X, degree, 3, written_out=True, fused=True).program for degree in (19, 20)]
+        less, more = (sum(isinstance(line, Compute) for line in program.body) for program in programs)
+        return more - less
+
+    assert operations("-c*u/3") <= 4  # the product, its factor over the order, and what nothing reads
+    assert operations("-(c*u + c*(2*u*u)/3 - t*c)/c/7") <= operations("u*u") + 6
+
+
 @pytest.mark.parametrize("written_out", [True, False])
 @pytest.mark.parametrize(
     ("text", "x", "beginning"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -43,6 +43,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     "multiply": operator.mul,
     "negative": operator.neg,
 }
+LONG = 8  # coefficients of a polynomial that is summed in parts
 CALLED = {"min": "least", "max": "greatest", "where": "choose"}
 
 
@@ -186,7 +187,11 @@ class Assignments:
 
 
 class FusedAssignments(Assignments):
-    """The same with sums of a product and what stands before it rounded once, and with products for quotients by numbers."""
+    """The same with sums of a product and what stands before it rounded once, and with products for quotients by numbers.
+
+    A long polynomial ``c + d*(c_1 + d*(c_2 + …))`` is one of d**4 in four parts from c_2 on, which do not wait for each
+    other; what rounding leaves of them is small beside the first terms.
+    """
 
     def _joined(self, node: Binary, left: Operand) -> Operand:
         product = node.right
@@ -194,7 +199,36 @@ class FusedAssignments(Assignments):
             return self.compute("multiply", left, 1.0 / product.value)
         if node.operator != "+" or not isinstance(product, Binary) or product.operator != "*":
             return super()._joined(node, left)
-        return self.compute("fma", self.value(product.left), self.value(product.right), left)
+        distance, coefficients = self.value(product.left), _nested(product)
+        if len(coefficients) < LONG:
+            return self.compute("fma", distance, self.value(product.right), left)
+        first, *rest = map(self.value, coefficients)
+        return self._horner(distance, [left, first, self._in_parts(distance, rest)])
+
+    def _in_parts(self, x: Operand, coefficients: Sequence[Operand]) -> Operand:
+        """Write a polynomial in four parts."""
+        square = self.compute("multiply", x, x)
+        fourth = self.compute("multiply", square, square)
+        a, b, c, d = (self._horner(fourth, coefficients[k::4]) for k in range(4))
+        return self._horner(square, [self._horner(x, [a, b]), self._horner(x, [c, d])])
+
+    def _horner(self, x: Operand, coefficients: Sequence[Operand]) -> Operand:
+        *rest, total = coefficients
+        for coefficient in reversed(rest):
+            total = self.compute("fma", x, total, coefficient)
+        return total
+
+
+def _nested(product: Binary) -> list[Node]:
+    """Return c, c_1, … of ``d*(c + d*(c_1 + …))``."""
+    found, distance = [], product.left
+    while True:
+        match product.right:
+            case Binary("+", coefficient, Binary("*", factor, _) as inner) if factor == distance:
+                found.append(coefficient)
+                product = inner
+            case last:
+                return [*found, last]
 
 
 def _key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:

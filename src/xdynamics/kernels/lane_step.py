@@ -162,11 +162,11 @@ class _StepWriter(LaneWriter):
         order = self.layout.scheme.method.order
         if not adaptive:
             return
-        self.norms({"size": 0, "slope": 1, "before": order - 1, "last": order})
+        self.norms({"before": order - 1, "last": order})
         self.lines(f"remaining = end - t\n{step_control.TIME_OF}")
-        half = order // 2
-        for name, power in (("half", half), ("rest_before", order - 1 - half), ("rest_last", order - half)):
-            self.power(name, "time", power)
+        self.power("rest_before", "time", (order - 1) // 2)
+        self.lines("rest_last = rest_before*time")
+        self.known["half"] = self.known["rest_before" if order % 2 == 1 else "rest_last"]
         self.lines(step_control.WITHOUT_UNIT)
         for name in ("top", "before", "last"):
             self.compute("part", "significand", name)

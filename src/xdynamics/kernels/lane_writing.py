@@ -127,16 +127,19 @@ class LaneWriter:
         return tops
 
     def norms(self, orders: Mapping[str, int]) -> None:
-        """Find the largest ratios of the coefficients of some orders to what is allowed as errors."""
+        """Find the largest ratios of a state, its slopes and coefficients of some orders to what is allowed as errors."""
         tops = self.tops(Place("y")) if any(self.followers) else {}
-        first, used = of_collocation(self.layout), self.layout.used.size
-        terms = "\n".join(map(step_control.TERM.format, orders))
-        totals: Sequence[Operand] = [0.0] * len(orders)
-        for begin, end, kind, follows in self.pieces():
-            places = {f"term_{name}": element("w", first + k * used + begin) for name, k in orders.items()}
-            places |= {"value": element("y", begin), "slope": element("y", self.slope(begin))}
-            places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
-            text = "\n".join([*([step_control.ALLOWED] if follows else []), step_control.WEIGHT, terms])
-            names = [f"norm_{name}" for name in orders]
-            totals = self.greatest(totals, end - begin, text, places, names, top=tops.get(kind, 0.0))
-        self.known |= {f"norm_{name}": total for name, total in zip(orders, totals, strict=True)}
+        first, used, n = of_collocation(self.layout), self.layout.used.size, self.layout.coordinates.size
+        names = ("size", "slope", *orders)
+        totals: Sequence[Operand] = [0.0] * len(names)
+        for start, stop, kind, follows in self.pieces():
+            for begin, end in pairwise(sorted({start, min(max(n, start), stop), stop})):  # slopes stand in two parts
+                places = {f"term_{name}": element("w", first + k * used + begin) for name, k in orders.items()}
+                places |= {"value": element("y", begin), "slope": element("y", self.slope(begin))}
+                places |= {"term_size": places["value"], "term_slope": places["slope"]}
+                places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
+                text = "\n".join([*([step_control.ALLOWED] if follows else []), step_control.WEIGHT])
+                text += "".join(f"\n{step_control.TERM.format(name)}" for name in names)
+                found = [f"norm_{name}" for name in names]
+                totals = self.greatest(totals, end - begin, text, places, found, top=tops.get(kind, 0.0))
+        self.known |= {f"norm_{name}": total for name, total in zip(names, totals, strict=True)}

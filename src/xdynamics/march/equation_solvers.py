@@ -26,7 +26,8 @@ Floats = NDArray[np.float64]
 
 FUSED = (
     "fma: each product is rounded together with the sum that it is added to, and a quotient by what does not change is a"
-    " product with a reciprocal of 106 bits"
+    " product with a reciprocal of 106 bits, in high orders (from two fifths of the order) of 53; products are summed in"
+    " two parts, the terms of a step in four"
 )
 SEPARATE = "products, sums and quotients are rounded one by one, to 106 bits"
 MOST_COEFFICIENTS = 1 << 13  # of a run up to which lanes pay with Taylor series: of 16, 1 MB

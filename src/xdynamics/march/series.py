@@ -15,6 +15,7 @@ from xdynamics.kernels.program import T
 from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, LOG2, TERM, TIME_OF, WEIGHT, WITHOUT_UNIT
 from xdynamics.march.calls import called
 from xdynamics.march.control import allowed_of, shortest
+from xdynamics.march.force_evaluation import slope_of
 from xdynamics.march.run import STAYED, Run
 from xdynamics.march.tolerance_sizes import tops_of
 
@@ -53,18 +54,22 @@ def foresee(run: Run) -> None:
     now, plan, kept = run.now[0], run.plan[0], run.kept[0]
     if kept.since == STAYED:  # after a rejected trial, which chose
         return
+    # what the state and its slopes suffice for comes first, so that it is done while the series is
+    if plan.follows:
+        tops_of(run, run.y)
+    size, slope = norms_at_start(run)
+    remaining, order = plan.end - now.t, plan.series
+    time = _time_of(size, slope, remaining)
+    lower = power(time, (order - 1) // 2)
+    higher = lower * time
+    half, rest_last = (lower, higher) if order % 2 == 1 else (higher, higher)
     run.at[T] = now.t
     called(run.law[EXPAND], run, run.y, run.z, 0)
     kept.since = STAYED
     if now.rows == 1 and plan.first_step > 0.0:
         return
-    if plan.follows:
-        tops_of(run, run.y)
-    remaining, order, half = plan.end - now.t, plan.series, plan.series // 2
-    size, slope, before, last = norms_of(run, order)
-    time = _time_of(size, slope, remaining)
-    powers = power(time, half), power(time, order - 1 - half), power(time, order - half)
-    top, first, second, before, last = _without_unit(size, before, last, powers[0], powers[1], powers[2])
+    before, last = norms_of(run, order)
+    top, first, second, before, last = _without_unit(size, before, last, half, lower, rest_last)
     logarithms = coarse_log2(top), coarse_log2(before), coarse_log2(last)
     factor, doublings = _foreseen(
         first,
@@ -109,13 +114,22 @@ def coarse_log2(x: float) -> float:
 
 
 @compiled
-def norms_of(run: Run, order: int) -> tuple[float, float, float, float]:
-    """Return the largest ratios of the first two and the last two coefficients to what is allowed as errors."""
-    plan, (size, slope, before, last) = run.plan[0], (0.0, 0.0, 0.0, 0.0)
+def norms_at_start(run: Run) -> tuple[float, float]:
+    """Return the largest ratios of the state and its slopes to what is allowed as errors; keep what they are multiplied by."""
+    plan, size, slope = run.plan[0], 0.0, 0.0
     for i in range(plan.used):
         weight = _weight(allowed_of(run, run.y, i), plan.rtol, run.y[i])
-        size = larger(size, _ratio(run.w[i], weight))
-        slope = larger(slope, _ratio(run.w[plan.used + i], weight))
-        before = larger(before, _ratio(run.w[(order - 1) * plan.used + i], weight))
-        last = larger(last, _ratio(run.w[order * plan.used + i], weight))
-    return size, slope, before, last
+        size = larger(size, _ratio(run.y[i], weight))
+        slope = larger(slope, _ratio(slope_of(run, run.y, i), weight))
+        run.half[i] = weight
+    return size, slope
+
+
+@compiled
+def norms_of(run: Run, order: int) -> tuple[float, float]:
+    """Return the largest ratios of the last two coefficients to what is allowed as errors."""
+    plan, (before, last) = run.plan[0], (0.0, 0.0)
+    for i in range(plan.used):
+        before = larger(before, _ratio(run.w[(order - 1) * plan.used + i], run.half[i]))
+        last = larger(last, _ratio(run.w[order * plan.used + i], run.half[i]))
+    return before, last

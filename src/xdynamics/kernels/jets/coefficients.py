@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 from xdynamics.kernels.jets.motion import Motion, UnexpandedError
 from xdynamics.kernels.jets.recurrences import CONSTANT, OTHER, RULES
@@ -61,14 +62,22 @@ class Coefficients(ABC):
         numbers = [*line.arguments[-1:]] if tables else []
         known = line.target in env
         if not known:
-            self._begin(order, env, line, series, numbers)
+            self.begin(order, env, line, series, numbers)
         own = env[line.target]
         if own.constant or not known or order.knows(own):
             return
         order.keep(own, RULES[name].following(order, own, *series, *numbers))
 
-    def _begin(self, order: Order, env: Env, line: Compute, series: list[Series], numbers: list[Operand]) -> None:
-        """Write the value itself, which is the coefficient of order 0."""
+    def begin(
+        self, order: Order, env: Env, line: Compute, series: Sequence[Series], numbers: Sequence[Operand]
+    ) -> None:
+        """Write the value itself, which is the coefficient of order 0.
+
+        Raises
+        ------
+        UnexpandedError
+            If there are no series of what the operation gives.
+        """
         name = line.operation
         still = name in CONSTANT or all(entry.constant for entry in series)
         if not still and name not in RULES:

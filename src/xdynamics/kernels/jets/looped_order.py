@@ -35,6 +35,8 @@ class Looped:
     fused : bool
     """
 
+    high = False  # of orders in a loop all are alike
+
     def __init__(
         self,
         lines: Assignments,

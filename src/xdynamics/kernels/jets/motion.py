@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from xdynamics.kernels.jets.recurrences import CONSTANT
-from xdynamics.kernels.program import Compute, Gather, Instruction, Line, Load, Loop, Ordinal, Place, Reduction, StoreTo
+from xdynamics.kernels.program import (
+    Compute,
+    Gather,
+    Instruction,
+    Line,
+    Load,
+    Loop,
+    Operand,
+    Ordinal,
+    Place,
+    Reduction,
+    StoreTo,
+)
 
-WRITTEN_OUT = 6000  # operations up to which every coefficient is a value of the text
+# operations up to which every coefficient is a value of the text: beyond, a step's code is more than what a processor
+# keeps of code beside it (32 KB), and is read again in every step
+WRITTEN_OUT = 2500
+LINEAR = frozenset(("add", "subtract", "negative", "choose", "least", "greatest", "abs", "positive", *CONSTANT))
 
 
 class UnexpandedError(Exception):
@@ -101,6 +115,28 @@ def is_small(body: Sequence[Line], degree: int) -> bool:
     """Whether the coefficients of all values are few enough to be written out."""
     if any(isinstance(line, Loop | Reduction) for line in body):
         return False
-    operations = Counter(line.operation for line in body if isinstance(line, Compute))
-    plain = sum(operations[name] for name in ("add", "subtract", "negative", *CONSTANT))
-    return plain * degree + (operations.total() - plain) * degree * degree <= WRITTEN_OUT
+    convolution, operations, still = (degree * degree / 2 + degree), 0.0, set[Operand]()
+    for line in body:
+        match line:
+            case Load() if line.place.array == "p":
+                still.add(line.target)
+            case Compute():
+                changing = [entry for entry in line.arguments if isinstance(entry, str) and entry not in still]
+                operations += degree + convolution * _convolutions(line.operation, changing)
+                if not changing:
+                    still.add(line.target)
+    return operations <= WRITTEN_OUT
+
+
+def _convolutions(operation: str, changing: Sequence[Operand]) -> float:
+    """Return how many sums of products a coefficient is made of; a square has half as many terms."""
+    if operation in LINEAR or not changing:
+        return 0.0
+    match operation, changing:
+        case "multiply", (_,):
+            return 0.0
+        case "multiply", (a, b):
+            return 0.5 if a == b else 1.0
+        case "sqrt", _:
+            return 0.5
+    return 1.0 if operation in ("divide", "exp", "sin", "cos") else 2.0

@@ -14,7 +14,7 @@ Where a root is of zero its series has no further coefficients; the error estima
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from xdynamics.kernels.jets.series import Order, Series, reciprocal, slope
@@ -45,12 +45,30 @@ def _divided(order: Order, own: Series, value: Operand, divisor: Operand) -> Ope
     """Divide a coefficient by what `_begin_quotient` was given: rounded to nearest as a division is, in half the time."""
     if not order.fused:
         return order.compute("divide", value, divisor)
+    nearest, rest = _reciprocal(order, own, divisor)
+    if order.high or rest == 0.0:
+        return order.compute("multiply", value, nearest)
+    return order.compute("fma", value, nearest, order.compute("multiply", value, rest))
+
+
+def _reciprocal(order: Order, own: Series, divisor: Operand) -> tuple[Operand, Operand]:
+    """Return the reciprocal and what is left of it."""
     if _is_known(divisor):
-        nearest, rest = reciprocal(float(divisor))
-        product = order.compute("multiply", value, nearest)
-        return order.compute("fma", value, nearest, order.compute("multiply", value, rest)) if rest else product
-    parts = (order.first(order.part(own, name)) for name in ("reciprocal", "rest"))
-    return order.compute("fma", value, next(parts), order.compute("multiply", value, next(parts)))
+        return reciprocal(float(divisor))
+    nearest, rest = (order.first(order.part(own, name)) for name in ("reciprocal", "rest"))
+    return nearest, rest
+
+
+def multiple_of(order: Order, name: str, own: Series, given: Sequence[Series]) -> tuple[Series, Operand] | None:
+    """Return the series that another is a multiple of and the factor, if it is one, where factors stay the same."""
+    match name, given:
+        case "negative", (of,):
+            return of, -1.0
+        case "multiply", (a, b) if a.constant != b.constant:
+            return (b, order.first(a)) if a.constant else (a, order.first(b))
+        case "divide", (a, b) if b.constant and order.fused:
+            return a, _reciprocal(order, own, order.first(b))[0]
+    return None
 
 
 def _is_known(divisor: Operand) -> bool:

@@ -36,6 +36,8 @@ class Series:
         Whether a coefficient is read from memory.
     square : Series, optional
         That of which it is the square root.
+    scaled : (Series, Operand), optional
+        What it is a multiple of, and the factor.
     """
 
     constant: bool = False
@@ -45,6 +47,7 @@ class Series:
     apart: int = 1
     read: bool = False
     square: Series | None = None
+    scaled: tuple[Series, Operand] | None = None
     parts: dict[str, Series] = field(default_factory=dict)
 
 
@@ -52,6 +55,7 @@ class Order(Protocol):
     """The lines of one order: 0 is that of the values themselves."""
 
     fused: bool  # whether products are added by fma, and what is divided by is kept as a reciprocal
+    high: bool  # whether coefficients are so small that reciprocals of 53 bits do
 
     @property
     def number(self) -> Operand:

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets.coefficients import Coefficients, Env
+from xdynamics.kernels.jets.linear_forms import LinearForms
 from xdynamics.kernels.jets.motion import Motion
+from xdynamics.kernels.jets.recurrences import multiple_of
 from xdynamics.kernels.jets.series import MEMORY, Order, Series, reciprocal
 from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, Program, StoreTo
+
+FEW = 3  # orders below which the products of a convolution are summed at once
+
+
+def high_from(degree: int) -> int:
+    """Return from which order on coefficients are high.
+
+    In the longest step that a tolerance allows, the size of a term falls by 16 digits to that of the degree: so that of the
+    first of these is below a millionth of the state, whatever the degree, and the bias of a rounded factor below 1e-22 of it.
+    """
+    return max(4, -(-2 * degree // 5))
 
 
 class Written:
@@ -16,13 +29,17 @@ class Written:
 
     Parameters
     ----------
-    lines : Assignments
+    forms : LinearForms
     number : int
-    fused : bool
+    fused, high : bool
+        Of a high order, sums of values times what stays the same are formed of as few operations as possible, and
+        reciprocals are those of 53 bits.
     """
 
-    def __init__(self, lines: Assignments, number: int, *, fused: bool) -> None:
-        self.lines, self._k, self.fused = lines, number, fused
+    def __init__(self, forms: LinearForms, number: int, *, fused: bool, high: bool) -> None:
+        self.forms, self.lines, self._k, self.fused, self.high = forms, forms.lines, number, fused, high
+        forms.exact = not high
+        self._forming = fused and number > 0
 
     @property
     def number(self) -> Operand:
@@ -38,6 +55,8 @@ class Written:
         if not self.fused:
             return self.compute("divide", value, float(number))
         nearest, rest = reciprocal(number)
+        if self.high:
+            return self.compute("multiply", value, nearest)
         return self.product_added(value, nearest, self.compute("multiply", value, rest))
 
     def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:
@@ -58,8 +77,11 @@ class Written:
             case ("negative", (0.0,)) | ("divide", (0.0, _)):
                 return 0.0
             case ("subtract", (0.0, other)):
-                return self.lines.compute("negative", other)
-        return self.lines.compute(operation, *arguments)
+                return self.compute("negative", other)
+        form = self.forms.computed(operation, *arguments) if self._forming else None
+        if form is not None:
+            return form
+        return self.forms.note(self.lines.compute(operation, *map(self.forms.written, arguments)))
 
     def first(self, series: Series) -> Operand:
         """Return the coefficient of order 0."""
@@ -77,26 +99,50 @@ class Written:
         return series.terms.get(k, 0.0) if series.constant else series.terms[k]
 
     def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
-        """Sum the products from the middle outward: the newest coefficients come last, so that little waits for them."""
+        """Sum the products from the middle outward: the newest coefficients come last, so that little waits for them.
+
+        Those with newer coefficients of the one series are summed apart from those with newer ones of the other.
+        """
+        (a, factor), (b, other) = self._unscaled(a), self._unscaled(b)
         k = self._k
         first, last = min(skip, 1), k - (skip == 2)
         if a is b and first == k - last:
-            return self._square(a, first)
+            total = self._square(a, first)
+        else:
+            outward = sorted(range(first, last + 1), key=lambda j: (max(j, k - j), j))
+            newer = [j for j in outward if 2 * j > k] if self.fused and k >= FEW else []
+            parts = [self._sum(a, b, [j for j in outward if j not in newer]), self._sum(a, b, newer)]
+            total = self.compute("add", *parts)
+            total = total if 0.0 in parts else self.forms.written(total)
+        return self.forms.scaled(self.forms.scaled(total, factor), other) if self._forming else total
+
+    def _unscaled(self, series: Series) -> tuple[Series, Operand]:
+        """Return what a series is a multiple of, and its factor."""
+        factor: Operand = 1.0
+        while self._forming and series.scaled is not None and self.forms.takes(factor, series.scaled[1]):
+            series, own = series.scaled
+            factor = self.forms.product(factor, own)
+        return series, factor
+
+    def _sum(self, a: Series, b: Series, terms: Sequence[int]) -> Operand:
         total: Operand = 0.0
-        for j in sorted(range(first, last + 1), key=lambda j: (max(j, k - j), j)):
-            total = self.product_added(self._term(a, j), self._term(b, k - j), total)
+        for j in terms:
+            total = self.product_added(self._term(a, j), self._term(b, self._k - j), total)
         return total
 
     def _square(self, a: Series, first: int) -> Operand:
-        """Sum half of what a series has with itself: half the square in the middle, the products from there outward."""
+        """Sum what a series has with itself: the square in the middle, twice the products from there outward."""
         k = self._k
         total: Operand = 0.0
         if k % 2 == 0 and k // 2 >= first:
             middle = self._term(a, k // 2)
-            total = self.compute("multiply", self.compute("multiply", 0.5, middle), middle)
+            half = middle if self.fused else self.compute("multiply", 0.5, middle)
+            total = self.compute("multiply", half, middle)
         for j in range((k - 1) // 2, first - 1, -1):
-            total = self.product_added(self._term(a, j), self._term(a, k - j), total)
-        return self.compute("add", total, total)
+            older = self.forms.written(self._term(a, j))
+            twice = self.lines.compute("add", older, older) if self.fused and older != 0.0 else older
+            total = self.product_added(twice, self._term(a, k - j), total)
+        return total if self.fused else self.compute("add", total, total)
 
     def part(self, owner: Series, name: str) -> Series:
         """Return a series that is computed along with another."""
@@ -105,6 +151,8 @@ class Written:
     def keep(self, series: Series, value: Operand) -> None:
         """Let a value be the coefficient of this order."""
         series.terms[self._k] = value
+        if series.constant:
+            self.forms.still.add(value)
 
     def knows(self, series: Series) -> bool:
         """Whether the coefficient of this order is written."""
@@ -113,6 +161,19 @@ class Written:
     def read(self, place: Place) -> Operand:
         """Read a number that does not change."""
         return self.lines.load(place)
+
+    def rise(self, slopes: Mapping[int, Series], states: Sequence[Series], coordinates: int, degree: int) -> None:
+        """Write the next coefficients of a state by those of its slopes; of coordinates by accelerations, at once."""
+        k = self._k
+        for i in range(coordinates):
+            velocity = states[coordinates + i]
+            if not self.fused or k == 0:
+                states[i].terms[k + 1] = self.divided_by(self.now(velocity), k + 1)
+            if self.fused and k + 2 <= degree:
+                slope = self.forms.brief(self.now(slopes[coordinates + i]))
+                states[i].terms[k + 2] = self.divided_by(slope, (k + 1) * (k + 2))
+        for i, series in sorted(slopes.items()):
+            states[i].terms[k + 1] = self.divided_by(self.forms.brief(self.now(series)), k + 1)
 
 
 class WrittenOut(Coefficients):
@@ -141,6 +202,15 @@ class WrittenOut(Coefficients):
         """Keep a series for those lines that read it from an array."""
         self._elements[place] = series
 
+    def begin(
+        self, order: Order, env: Env, line: Compute, series: Sequence[Series], numbers: Sequence[Operand]
+    ) -> None:
+        """Write the value itself, and note what it is a multiple of."""
+        super().begin(order, env, line, series, numbers)
+        own = env[line.target]
+        if not own.constant:
+            own.scaled = multiple_of(order, line.operation, own, series)
+
 
 def written_lines(
     forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int, *, fused: bool
@@ -150,8 +220,9 @@ def written_lines(
     env: Env = {}
     raised: dict[int, Series] = {}
     n = motion.coordinates
+    forms = LinearForms(write.write)
     for k in range(degree):
-        order = Written(write.write, k, fused=fused)
+        order = Written(forms, k, fused=fused, high=fused and k >= high_from(degree))
         for line in body:
             match line:
                 case Load():
@@ -162,10 +233,8 @@ def written_lines(
                     raised[motion.raised_by(place.offset)] = write.value(env, value)
                 case StoreTo(place, value):
                     write.store(place, write.value(env, value))
-        raised |= {i: write.states[n + i] for i in range(n)}
-        for i, slope in sorted(raised.items()):
-            write.states[i].terms[k + 1] = order.divided_by(order.now(slope), k + 1)
+        order.rise(raised, write.states, n, degree)
     for k in range(degree + 1):
         for i, series in enumerate(write.states):
-            write.write.store(Place(MEMORY, first + k * motion.used + i), series.terms[k])
+            write.write.store(Place(MEMORY, first + k * motion.used + i), forms.written(series.terms[k]))
     return write
