@@ -53,13 +53,13 @@ class Witnesses:
     def take(self, block: LogBlock, rows: int) -> None:
         """Take some rows of the newest block; with it there are so many."""
         first, stride = rows - block.rows, self.stride(rows)
-        retained = np.flatnonzero(self._rows[: self._count, 0] % stride == 0).tolist()
+        retained = np.flatnonzero(self._rows[: self._count, 0] % stride == 0)
         if len(retained) < self._count:
-            for place, row in enumerate(retained):
-                self._rows[place], self._errors[place] = self._rows[row], self._errors[row]
-        self._count = len(retained)
-        for row in range(-(-first // stride) * stride, rows, stride):
-            column, place = block.log.rows[:, row - first], self._count
-            self._rows[place, 0], self._rows[place, 1:] = row, column[: 2 + self.used]
-            self._errors[place] = column[self.estimated]
-            self._count += 1
+            for kept in (self._rows, self._errors):
+                kept[: len(retained)] = kept[retained]
+        begin = -first % stride
+        taken = block.log.rows[:, begin : block.rows : stride]
+        new = slice(len(retained), len(retained) + taken.shape[1])
+        self._rows[new, 0] = range(first + begin, rows, stride)
+        self._rows[new, 1:], self._errors[new] = taken[: 2 + self.used].T, taken[self.estimated].T
+        self._count = new.stop
