@@ -14,7 +14,7 @@ from llvmlite import binding as llvm
 
 from cases.problems import ROOT
 
-# a model that uses every function of the language, another by two methods; constraints, a body, a controller
+# a model that uses every function of the language, another by two methods; constraints, a body, a controller, links
 PROGRAM = """
 import xdynamics as xd
 every = xd.Model(
@@ -32,6 +32,17 @@ for name in ("double_pendulum",):
     runs += [xd.simulate(model, method="dormand_prince", rtol=1e-8, atol=1e-8), xd.simulate(model, method="midpoint")]
 for name, until in (("four_bar", "0.3 s"), ("heavy_top", "0.1 s"), ("cart_pid", "1 s")):  # constraints, a body, a controller
     runs.append(xd.simulate(xd.Model.from_toml(f"data/models/{name}.toml"), until=until))
+cluster = xd.Model(
+    name="every two of 18 bodies",
+    dimensions={"body": 18, "axis": 2},
+    coordinates={"r": {"unit": "m", "dims": ["body", "axis"]}},
+    parameters={"k": "1 N m2", "m": {"dims": ["body"], "unit": "kg", "value": [1 + i / 7 for i in range(18)]}},
+    mass={"r": "m"},
+    relations={"pair": {"of": "body"}},
+    forces={"pull": {"over": "pair", "potential": "-k/norm(second(r, pair) - first(r, pair), axis)"}},
+    initial={"r": "(index(body) + 1)*(index(body)*index(axis) + 1)*metre"},
+)
+runs.append(xd.simulate(cluster, method="taylor", rtol=1e-9, atol=1e-9, until="1 s"))
 import hashlib
 import numpy as np
 from xdynamics.march import march_many
@@ -82,14 +93,14 @@ def here() -> str:
 @pytest.mark.every(2)
 @pytest.mark.parametrize("where", ELSEWHERE)
 def test_digests_are_the_same(where: str, here: str, request: pytest.FixtureRequest) -> None:
-    """Assert equal digests of models with every function of the language, constraints, a body and a controller."""
+    """Assert equal digests of models with every function of the language, constraints, a body, a controller, and links side by side."""
     if len(ELSEWHERE[where]) == 1 and not request.config.getoption("--whole"):
         pytest.skip("with --whole: one difference alone")
     if not llvm.get_process_triple().startswith("x86_64"):
         pytest.skip("another architecture")
     if where == "AVX2" and not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this machine has no AVX2")
-    assert len(here.split()) == 9
+    assert len(here.split()) == 10
     assert digests(**ELSEWHERE[where]) == here
 
 

@@ -12,6 +12,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.methods.taylor import MOST_ORDER, of_order, order_for
+from xdynamics.schema import SERIES_ARITHMETIC
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 W = 2.0  # rad/s
@@ -188,6 +189,16 @@ def test_archives_of_other_arithmetic_are_told_apart(tmp_path: Path, monkeypatch
     again = xd.reproduce(tmp_path / "former.nc")
     assert again.attrs["identical"] == 0
     assert "the archive has Taylor series by 'products and sums rounded one by one', here" in again.attrs["arithmetic"]
+
+
+def test_sums_of_elements_in_loops_are_another_arithmetic() -> None:
+    """Assert that the record of a chain tells its sums from those of a model without dimensions."""
+    chain, single = (
+        xd.simulate(of, method="taylor", order=6, step=0.01, until=0.05, log="states").attrs[SERIES_ARITHMETIC]
+        for of in (model("toda_chain"), oscillator())
+    )
+    assert "the terms j and k - j of a sum are added to two sums" in chain
+    assert chain.startswith(f"{single}; in loops over elements")
 
 
 def test_sweeps_have_states_inside_steps() -> None:

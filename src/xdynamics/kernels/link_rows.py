@@ -34,8 +34,8 @@ class LinkRows:
         The row, without sums: those that it adds to, and its own.
     joining : tuple of Line
         Lines that join what a link gives to the row's own sums.
-    whole : tuple of Line
-        All lines of a link.
+    alone : tuple of Line
+        Both.
     added : tuple of (Place, operand, str)
         To which number of the other element each link adds what; or "subtract", a number whose negative it adds.
     after : tuple of Line
@@ -45,7 +45,7 @@ class LinkRows:
     before: tuple[Line, ...]
     links: Reduction
     joining: tuple[Line, ...]
-    whole: tuple[Line, ...]
+    alone: tuple[Line, ...]
     added: tuple[tuple[Place, Operand, str], ...]
     after: tuple[Line, ...]
 
@@ -68,29 +68,50 @@ def link_rows(line: Loop) -> LinkRows | None:
     plain = Load | Compute | Ordinal
     if not all(isinstance(inner, plain) for inner in before):
         return None
-    if not all(isinstance(inner, plain | StoreTo) for inner in (*links.body, *after)):
+    if not all(isinstance(inner, plain | StoreTo | Reduction) for inner in links.body):
+        return None
+    if not all(isinstance(inner, plain | StoreTo) for inner in (*nested(_sums(links.body)), *after)):
         return None
     added, rest = _added(links)
-    own = {(place.array, place.offset, ((line.index, place.strides[0][1]),)) for place, *_ in added}
+    own = {_of_row(place, links.index, line.index) for place, *_ in added}
     stored = {inner.place for inner in after if isinstance(inner, StoreTo)}
     changed = {place.array for place, *_ in added} | {place.array for place in stored}
-    read = {inner.place.array for inner in (*before, *rest, *after) if isinstance(inner, Load)}
+    read = {inner.place.array for inner in nested((*before, *rest, *after)) if isinstance(inner, Load)}
     sums = {place.array for place, *_ in added}
     joining = _after(links.totals, rest)
     if (
         not added
         or len({place for place, *_ in added}) < len(added)
-        or any(isinstance(inner, StoreTo) for inner in rest)
+        or any(isinstance(inner, StoreTo) and inner.place.array not in line.own for inner in rest)
+        or sums & line.own
         or read & changed
         or {term for _, term, _ in added} & {*links.totals, *(inner.target for inner in joining)}
-        or any(place.array in sums and (place.array, place.offset, place.strides) not in own for place in stored)
+        or any(place.array in sums and place not in own for place in stored)
         or not all(
-            apart([place for place, *_ in added if place.array == array], {links.index: links.count}) for array in sums
+            apart([_of_links(place, links) for place, *_ in added if place.array == array], {links.index: links.count})
+            for array in sums
         )
     ):
         return None
     alone = tuple(inner for inner in rest if inner not in joining)
-    return LinkRows(before, replace(links, body=alone), joining, links.body, added, after)
+    return LinkRows(before, replace(links, body=alone), joining, rest, added, after)
+
+
+def _sums(lines: Iterable[Line]) -> Iterator[Line]:
+    """Yield the lines of sums inside links."""
+    for inner in lines:
+        if isinstance(inner, Reduction):
+            yield from inner.body
+
+
+def _of_row(place: Place, other: str, own: str) -> Place:
+    """Return the number of the row's own element that stands for one of the other element."""
+    return replace(place, strides=tuple((own if index == other else index, by) for index, by in place.strides))
+
+
+def _of_links(place: Place, links: Reduction) -> Place:
+    """Return a place without indices of loops around the rows, which are the same for all of them."""
+    return replace(place, strides=tuple((index, by) for index, by in place.strides if index == links.index))
 
 
 def _after(names: Iterable[str], lines: Iterable[Line]) -> tuple[Compute, ...]:
@@ -106,7 +127,7 @@ def _after(names: Iterable[str], lines: Iterable[Line]) -> tuple[Compute, ...]:
 def _added(links: Reduction) -> tuple[tuple[tuple[Place, Operand, str], ...], tuple[Line, ...]]:
     """Return what is added to numbers of the elements of an index, and the other lines."""
     defined = {inner.target: inner for inner in links.body if isinstance(inner, Load | Compute)}
-    uses = Counter(_operands(links))
+    uses = Counter(_operands(links.terms, links.body))
     added, parts = [], set[int]()
     for store in links.body:
         total = defined.get(str(store.value)) if isinstance(store, StoreTo) else None
@@ -116,7 +137,8 @@ def _added(links: Reduction) -> tuple[tuple[tuple[Place, Operand, str], ...], tu
         if (
             isinstance(loaded, Load)
             and loaded.place == store.place
-            and [index for index, _ in store.place.strides] == [links.index]
+            and links.index in (indices := dict(store.place.strides))
+            and links.below not in indices
             and uses[loaded.target] == uses[total.target] == 1
         ):
             term = defined.get(str(total.arguments[1]))
@@ -128,11 +150,13 @@ def _added(links: Reduction) -> tuple[tuple[tuple[Place, Operand, str], ...], tu
     return tuple(added), tuple(inner for inner in links.body if id(inner) not in parts)
 
 
-def _operands(links: Reduction) -> Iterator[Operand]:
+def _operands(terms: Iterable[Operand], lines: Iterable[Line]) -> Iterator[Operand]:
     """Yield what the lines of a row read."""
-    yield from links.terms
-    for inner in links.body:
+    yield from terms
+    for inner in lines:
         if isinstance(inner, Compute):
             yield from inner.arguments
         elif isinstance(inner, StoreTo):
             yield inner.value
+        elif isinstance(inner, Reduction):
+            yield from _operands((*inner.terms, *inner.starts), inner.body)

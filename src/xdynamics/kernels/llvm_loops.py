@@ -14,6 +14,7 @@ from xdynamics.elementary.double_double import DoubleDouble
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
 from xdynamics.elementary.text import called_intervals, written_double_doubles, written_intervals
+from xdynamics.kernels.jets.series import HALF, MIDDLE, ODD, ORDER
 from xdynamics.kernels.llvm_places import Index, Places
 from xdynamics.kernels.program import (
     DOUBLE_DOUBLE,
@@ -33,6 +34,7 @@ from xdynamics.kernels.program import (
     size,
 )
 
+UNIFORM = frozenset((ORDER, HALF, ODD, MIDDLE))  # indices that all elements share
 UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
 WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
@@ -86,6 +88,7 @@ class LoopText(ABC):
         self._outside: dict[str, Value] = {}  # of every lane, computed before the elements side by side
         self._joint = together(program.body)
         self._pairs: dict[tuple[str, str], str] = {}
+        self._stack: list[str] = []  # lines of the beginning that take memory from the stack
 
     @abstractmethod
     def _print(self, body: Iterable[Instruction]) -> None:
@@ -138,12 +141,16 @@ class LoopText(ABC):
 
     def _loop(self, line: Loop) -> None:
         wide, whole = self._abreast, 0
-        if wide > self._runs and not self._places.indices and not self._into_row(line) and line.independent:
+        if self._may_go_abreast() and not self._into_row(line) and line.independent:
             whole = line.count // wide * wide
         if whole:
             with self._side_by_side(wide):
                 self._passes(line, 0, whole, wide, [])
         self._passes(line, whole, line.count, 1, [])
+
+    def _may_go_abreast(self) -> bool:
+        """Whether elements of a loop may go side by side: there is none around it but that of the orders of series."""
+        return self._abreast > self._runs == self._lines.lanes and self._places.indices.keys() <= UNIFORM
 
     def _into_row(self, line: Loop) -> bool:
         """Whether a loop writes to a row of the log, whose elements are apart."""

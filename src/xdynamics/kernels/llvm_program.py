@@ -65,7 +65,7 @@ class ProgramText(RowText):
         for name in on_heap:
             self._put(f"call void @free(ptr %{name})")
         self._put("ret void")
-        return "\n".join(self._lines.lines)
+        return "\n".join([*self._stack, *self._lines.lines])
 
     def _answer(self, first: int, count: int) -> None:
         """Set `unsound`."""

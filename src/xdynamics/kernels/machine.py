@@ -13,6 +13,8 @@ from functools import lru_cache
 from typing import Any
 
 import llvmlite.binding as llvm
+import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.kernels import cache
 from xdynamics.kernels.heap_arrays import LACKING, refuse
@@ -21,6 +23,7 @@ from xdynamics.kernels.heap_arrays import LACKING, refuse
 HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
 
 AS_WRITTEN = "; loops as they are written"  # first line of a text whose loops LLVM is not to unroll
+LINE = 8  # floats of a line of the cache
 PATIENCE = 1.0  # seconds of compiling before a warning
 # Lines of a text beyond which instructions are not scheduled: LLVM's time for one long block grows with its square,
 # to 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of elementary functions twice
@@ -52,6 +55,13 @@ def address_of(array: Any) -> int:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     except (TypeError, ValueError, BufferError):  # only to be read, or a view in another order
         return int(array.ctypes.data)
+
+
+def aligned_zeros(numbers: int) -> NDArray[np.float64]:
+    """Return zeros that begin with a line of the cache: wide vectors that cross two of them take a third longer."""
+    room = np.zeros(numbers + LINE)
+    first = -address_of(room) // 8 % LINE
+    return room[first : first + numbers]
 
 
 class Code:

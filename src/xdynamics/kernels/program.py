@@ -122,27 +122,43 @@ class Ordinal:
 
 @dataclass(frozen=True)
 class Loop:
-    """The same lines for every value of an index from 0 to count - 1, ascending."""
+    """The same lines for every value of an index from 0 to count - 1, ascending.
+
+    Attributes
+    ----------
+    index : str
+    count : int
+    body : tuple of Line
+    own : frozenset of str
+        Arrays of which every pass reads and writes elements that no other does.
+    """
 
     index: str
     count: int
     body: tuple[Line, ...]
+    own: frozenset[str] = frozenset()
 
     @property
     def independent(self) -> bool:
         """Whether no pass reads or writes what another writes, so that some can be made side by side."""
         lines = list(nested(self.body))
         counts = {line.index: line.count for line in (self, *lines) if isinstance(line, Loop | Reduction)}
-        loads = {line.place for line in lines if isinstance(line, Load)}
+        indices = {*counts, *(line.index for line in lines if isinstance(line, Gather))}
+
+        def inside(place: Place) -> Place:  # indices of loops around are the same in all passes
+            return replace(place, strides=tuple((index, by) for index, by in place.strides if index in indices))
+
+        loads = {inside(line.place) for line in lines if isinstance(line, Load)}
         written: dict[str, list[Place]] = {}
         for line in lines:
             if isinstance(line, StoreTo):
-                written.setdefault(line.place.array, []).append(line.place)
+                written.setdefault(line.place.array, []).append(inside(line.place))
         return all(
             self.index in dict(places[0].strides)
             and apart(places, counts)
             and all(load in places for load in loads if load.array == array)
             for array, places in written.items()
+            if array not in self.own
         )
 
 

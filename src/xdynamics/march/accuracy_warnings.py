@@ -28,7 +28,7 @@ from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, are_too_many, count_of_switches, owners_of_switches
 from xdynamics.model.tangent_space import independent
-from xdynamics.stability import decay_limit, fastest_rate, stiffness
+from xdynamics.stability import decay_limit, fastest_rate, rough_rate, stiffness
 from xdynamics.units import TIME, parse_unit, spell, unit_suffix
 
 MOST_NAMED = 3
@@ -266,10 +266,10 @@ def advice_on_stiffness(march: March) -> str:
         chosen = rows[:, first:last]
         return stiffness(model, method, _states(march, chosen), (chosen[1] * time).tolist())
 
-    # most runs are not stiff: one row first, by a bound from its compiled forces, before its exact derivatives
+    # most runs are not stiff: one row first, by bounds from its compiled forces, before its exact derivatives
     middle = rows.shape[1] // 2
-    turned = fastest_rate(jacobian_at(march, middle)) * float(rows[1, middle])
-    if turned < NOT_STIFF * decay_limit(method):
+    jacobian, step = jacobian_at(march, middle), float(rows[1, middle])
+    if any(rate(jacobian) * step < NOT_STIFF * decay_limit(method) for rate in (rough_rate, fastest_rate)):
         return ""
     if limited(middle, middle + 1) and limited(0, rows.shape[1]) > 0.5:
         return (

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
+from xdynamics.kernels.jets.series import has_pairs
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
@@ -29,6 +30,10 @@ FUSED = (
     " product with a reciprocal of 106 bits, in high orders (from two fifths of the order) of 53; products are summed in"
     " two parts, the terms of a step in four"
 )
+PAIRED = (
+    f"{FUSED}; in loops over elements the terms j and k - j of a sum are added to two sums, of squares to one that is"
+    " doubled, and powers of one value follow from its series at once"
+)
 SEPARATE = "products, sums and quotients are rounded one by one, to 106 bits"
 MOST_COEFFICIENTS = 1 << 13  # of a run up to which lanes pay with Taylor series: of 16, 1 MB
 MOST_FACTORISED = 5  # velocities and states up to which lanes pay where equations are solved: factors are written out
@@ -46,7 +51,7 @@ class Solver(NamedTuple):
 
     address: Callable[[], int]  # of its compiled code, 0 if there is nothing to solve
     arrays: Callable[[Law], Arrays]  # of a run
-    reported: Callable[[Settings], dict[str, Any]]  # attributes of a record
+    reported: Callable[[Settings, Law], dict[str, Any]]  # attributes of a record
     corrections: Callable[[Run, int], tuple[Floats, Floats]]  # the last of every variable, and its size
     in_lanes: Callable[[Law, Settings], bool]  # whether steps side by side can be solved, too
 
@@ -105,7 +110,7 @@ def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
     return system | {"order": band.order, "band": np.array([band.lower, band.upper])}, band.height
 
 
-def _newton_reported(_settings: Settings) -> dict[str, Any]:
+def _newton_reported(_settings: Settings, _law: Law) -> dict[str, Any]:
     return {
         "solver_equations_solved_by": (
             "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its"
@@ -116,7 +121,7 @@ def _newton_reported(_settings: Settings) -> dict[str, Any]:
     }
 
 
-def _simplified_reported(settings: Settings) -> dict[str, Any]:
+def _simplified_reported(settings: Settings, _law: Law) -> dict[str, Any]:
     return {
         "solver_equations_solved_by": SOLVED_BY,
         "solver_jacobian": settings.jacobian,
@@ -125,8 +130,10 @@ def _simplified_reported(settings: Settings) -> dict[str, Any]:
     }
 
 
-def _series_reported(settings: Settings) -> dict[str, Any]:
-    return {SERIES_ARITHMETIC: SEPARATE if settings.precision == DOUBLE_DOUBLE else FUSED}
+def _series_reported(settings: Settings, law: Law) -> dict[str, Any]:
+    if settings.precision == DOUBLE_DOUBLE:
+        return {SERIES_ARITHMETIC: SEPARATE}
+    return {SERIES_ARITHMETIC: PAIRED if has_pairs(law.source) else FUSED}
 
 
 def _newton_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
@@ -162,7 +169,7 @@ _SOLVERS = {
     NOTHING: Solver(
         address=lambda: 0,
         arrays=lambda _law: _NOTHING,
-        reported=lambda _settings: {},
+        reported=lambda _settings, _law: {},
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
         in_lanes=lambda _law, _settings: True,
     ),

@@ -17,6 +17,7 @@ from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.constraint_programs import CONSTRAIN
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.law import FORCES
+from xdynamics.kernels.machine import aligned_zeros
 from xdynamics.kernels.program import AT, DEVIATION
 from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.assembly.assembly_arrays import assembled
@@ -98,7 +99,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         grid=grid,
         steps=steps,
         **watching(model, law, settings) | assembly,
-        w=np.zeros(law.memory * (1 + law.layout.is_doubled) + 3 * len(law.layout.smooth)),
+        w=aligned_zeros(law.memory * (1 + law.layout.is_doubled) + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
         law=np.append(addresses, solver.address()),

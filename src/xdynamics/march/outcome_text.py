@@ -212,7 +212,7 @@ def _cause(march: March) -> str:
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
             settings = march.settings
-            limit = solver_of(settings.method).reported(settings)["solver_newton_most_iterations"]
+            limit = solver_of(settings.method).reported(settings, march.law)["solver_newton_most_iterations"]
             return (
                 f"Newton's method, of at most {limit} iterations, does not solve the step's equations, that of"
                 f" {of_newton(march)} least of all; {remedy}"

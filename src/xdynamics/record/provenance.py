@@ -335,7 +335,7 @@ def _errors(march: March) -> dict[str, Any]:
         }
         if march.run.plan[0].follows:
             reported["solver_atol_rule"] = ATOL_RULE
-    return reported | solver_of(settings.method).reported(settings)
+    return reported | solver_of(settings.method).reported(settings, march.law)
 
 
 def _of_constraints(march: March) -> dict[str, Any]:

@@ -22,6 +22,8 @@ class Coefficients(ABC):
     lines : list of Line
     memory : int
         Where in `w` what is used ends.
+    views, tables : dict
+        Parts of `w` with names of their own, and whole numbers, as of a program.
     """
 
     def __init__(self, forces: Program, motion: Motion, degree: int, first: int, *, fused: bool) -> None:
@@ -31,6 +33,8 @@ class Coefficients(ABC):
         self.memory = first + (degree + 1) * motion.used
         self.local = forces.local
         self.time = Series()
+        self.views: dict[str, tuple[str, int, int]] = {}
+        self.tables: dict[str, tuple[int, ...]] = {}
 
     @abstractmethod
     def state(self, place: Place) -> Series:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from xdynamics.kernels.jets.looped import looped_lines
+from xdynamics.kernels.jets.elements import looped_lines
 from xdynamics.kernels.jets.motion import Motion, is_small, needed
 from xdynamics.kernels.jets.written_out import written_lines
 from xdynamics.kernels.program import Program
@@ -68,5 +68,6 @@ def expansion(
         written_out = is_small(body, degree)
     lines = (written_lines if written_out else looped_lines)(forces, body, motion, degree, first, fused=fused)
     about = f"The Taylor coefficients of the motion, to order {degree}."
-    program = Program("expand", about, tuple(lines.lines), tables=forces.tables)
+    tables = {**forces.tables, **lines.tables}
+    program = Program("expand", about, tuple(lines.lines), views=lines.views, tables=tables)
     return Expansion(program, lines.memory, written_out)

@@ -45,16 +45,24 @@ class InLoops(Coefficients):
     ) -> None:
         super().__init__(forces, motion, degree, first, fused=fused)
         self._moving = moving
+        self.raised = frozenset[str]()  # arrays of which numbers that rise have elements of their own
         self._serial = count(1)
         self._envs: dict[int, Env] = {}
         self._stores: dict[Series, list[Line]] = {}
-        self._slopes = self._reserve(motion.coordinates + motion.states)
-        self._arrays: dict[str, tuple[int, Series]] = {}
+        self._slopes, _ = self._room_for(motion.coordinates + motion.states, 1)
+        self._arrays: dict[str, tuple[Place, int, Series]] = {}
         self.time = Series(place=Place(MEMORY, self._reserve(degree + 1)))
 
     def _reserve(self, numbers: int) -> int:
         begin, self.memory = self.memory, self.memory + numbers
         return begin
+
+    def _room_for(self, elements: int, orders: int) -> tuple[Place, int]:
+        """Return the place of the first coefficient of an array's first element, and how far coefficients are apart.
+
+        With several of them, elements are as far from one another as there are.
+        """
+        return Place(MEMORY, self._reserve(elements * orders)), 1
 
     def state(self, place: Place) -> Series:
         """Return the series of a number of the state."""
@@ -67,16 +75,20 @@ class InLoops(Coefficients):
     def order(self, lines: Assignments, around: Sequence[Loop | Reduction], *, started: bool) -> Looped:
         """Return what writes an order inside some loops."""
 
-        def room(numbers: int) -> Place:
+        def room(numbers: int) -> tuple[Place, int]:
             strides, size = [], numbers
             for loop in reversed(around):
                 strides.append((loop.index, size))
                 size *= loop.count
-            return Place(MEMORY, self._reserve(size), tuple(reversed(strides)))
+            return Place(MEMORY, self._reserve(size), tuple(reversed(strides))), 1
 
         inside, stores = bool(around), self._stores
         orders, fused = self.degree + 1, self.fused
         return Looped(lines, orders, room, self._serial, started=started, inside=inside, stores=stores, fused=fused)
+
+    def prepared(self, *, started: bool) -> list[Line]:  # noqa: ARG002 - of elements in loops
+        """Return lines before those of order 0, or of any order after it."""
+        return []
 
     def finish(self, lines: Sequence[Line]) -> None:
         """Take lines as the program, without what stores coefficients that nothing reads."""
@@ -101,9 +113,13 @@ class InLoops(Coefficients):
                     order.lines.lines.append(line)
                 case Loop():
                     inner, _ = self._pass(order, line, env, around)
-                    order.lines.lines.append(replace(line, body=tuple(inner.lines.lines)))
+                    order.lines.lines.append(self._looped(line, tuple(inner.lines.lines)))
                 case Reduction():
                     self._reduce(order, line, env, around)
+
+    def _looped(self, line: Loop, body: tuple[Line, ...]) -> Loop:
+        """Return a loop with other lines."""
+        return replace(line, body=body)
 
     def _pass(
         self,
@@ -157,32 +173,37 @@ class InLoops(Coefficients):
 
     def _element(self, place: Place) -> Series:
         """Return the series of an element of an array of the program."""
-        apart = self.degree + 1
-        begin, kind = self._array(place.array, Series())  # in a loop, passes read what those before have written
-        strides = tuple((index, stride * apart) for index, stride in place.strides)
-        return Series(kind.constant, kind.truth, place=Place(MEMORY, begin + place.offset * apart, strides))
+        first, apart, kind = self._array(place.array, Series())  # in a loop, passes read what those before have written
+        each = self.degree + 1 if apart == 1 else 1
+        strides = tuple((index, stride * each) for index, stride in place.strides)
+        where = Place(first.array, first.offset + place.offset * each, strides)
+        return Series(kind.constant, kind.truth, place=where, apart=apart)
 
     def _store(self, order: Looped, place: Place, series: Series) -> None:
         """Keep a coefficient where the program keeps the value."""
         if place.array == "z":
             if self.motion.has_slope(place):
                 order.lines.store(
-                    replace(place, array=MEMORY, offset=self._slopes + place.offset - self.motion.used),
+                    replace(
+                        self._slopes,
+                        offset=self._slopes.offset + place.offset - self.motion.used,
+                        strides=place.strides,
+                    ),
                     order.now(series),
                 )
             return
-        _, kind = self._array(place.array, series)
+        *_, kind = self._array(place.array, series)
         if kind.constant and not series.constant:
             raise MovingArrayError(place.array)
         if not (order.started and kind.constant):
             order.keep(self._element(place), order.now(series))
 
-    def _array(self, name: str, series: Series) -> tuple[int, Series]:
-        """Return where the series of an array of the program begin, and what those that it was first seen with are like."""
+    def _array(self, name: str, series: Series) -> tuple[Place, int, Series]:
+        """Return where the series of an array of the program are, and what those that it was first seen with are like."""
         if name not in self._arrays:
             still = series.constant and name not in self._moving
-            begin = self._reserve(self.local[name] * (self.degree + 1))
-            self._arrays[name] = begin, Series(still, series.truth)
+            kind = Series(still, series.truth)
+            self._arrays[name] = (*self._room_for(self.local[name], self.degree + 1), kind)
         return self._arrays[name]
 
     def raise_state(self, order: Looped) -> None:
@@ -193,7 +214,7 @@ class InLoops(Coefficients):
         of_velocities = Place(MEMORY, self.first + (ahead - 1) * used + n, (*moved, ("i", 1)))
         for source, target, numbers in (
             (of_velocities, 0, n),
-            (Place(MEMORY, self._slopes, (("i", 1),)), n, n + self.motion.states),
+            (replace(self._slopes, strides=(("i", 1),)), n, n + self.motion.states),
         ):
             if numbers:
                 divided = (
@@ -201,22 +222,17 @@ class InLoops(Coefficients):
                     Compute("_raised", "divide", ("_slope", following)),
                     StoreTo(Place(MEMORY, self.first + ahead * used + target, (*moved, ("i", 1))), "_raised"),
                 )
-                order.lines.lines.append(Loop("i", numbers, divided))
+                order.lines.lines.append(Loop("i", numbers, divided, self.raised))
 
 
-def looped_lines(
-    forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int, *, fused: bool
-) -> Coefficients:
-    """Write order 0, and the loop over the others."""
-    moving: frozenset[str] = frozenset()
-    while True:
-        try:
-            return _looped(InLoops(forces, motion, degree, first, moving, fused=fused), body, motion, degree, first)
-        except MovingArrayError as error:
-            moving |= {str(error)}
+def expanded_by(write: InLoops, body: Sequence[Line], motion: Motion, degree: int, first: int) -> InLoops:
+    """Write order 0, and the loop over the others.
 
-
-def _looped(write: InLoops, body: Sequence[Line], motion: Motion, degree: int, first: int) -> Coefficients:
+    Raises
+    ------
+    MovingArrayError
+        If an array was taken for one of what does not change.
+    """
     env = Env()
     lines = write.assignments()
     copied = Load("_copied", element("y")), StoreTo(element(MEMORY, first), "_copied")
@@ -227,14 +243,16 @@ def _looped(write: InLoops, body: Sequence[Line], motion: Motion, degree: int, f
     begin.keep(write.time, lines.load(Place("at", AT.index("t"))))
     rest = (StoreTo(element(where.array, where.offset + 1), 0.0),)
     lines.lines += [Loop("i", degree, rest), StoreTo(replace(where, offset=where.offset + 1), 1.0)]
+    before = len(lines.lines)
     write.body(begin, body, env, ())
+    lines.lines[before:before] = write.prepared(started=False)
     write.raise_state(begin)
     inner = write.assignments()
     order = write.order(inner, (), started=True)
     write.body(order, body, env, ())
     order.sum_up()
     write.raise_state(order)
-    write.finish([*lines.lines, Loop(ORDER, degree - 1, tuple(inner.lines))])
+    write.finish([*lines.lines, Loop(ORDER, degree - 1, (*write.prepared(started=True), *inner.lines))])
     return write
 
 

@@ -22,8 +22,8 @@ class Looped:
     orders : int
         How many coefficients series have.
     room : callable
-        Gives a place for a number of coefficients of what is computed here, from one element of the loops around to the
-        next.
+        Gives a place for a number of coefficients of what is computed here, with those of all elements of the loops
+        around, and how far each is from the one before.
     serial : iterator
         Numbers for names.
     started : bool
@@ -41,7 +41,7 @@ class Looped:
         self,
         lines: Assignments,
         orders: int,
-        room: Callable[[int], Place],
+        room: Callable[[int], tuple[Place, int]],
         serial: count[int],
         *,
         started: bool,
@@ -181,7 +181,7 @@ class Looped:
             series.terms[0] = value
             return
         if series.place is None:
-            series.place = self._room(1 if series.constant else self._orders)
+            series.place, series.apart = self._room(1 if series.constant else self._orders)
             self._stores[series] = []
         self._now[series] = value
         if series.truth:

@@ -14,10 +14,11 @@ Where a root is of zero its series has no further coefficients; the error estima
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from xdynamics.kernels.jets.series import Order, Series, reciprocal, slope
+from xdynamics.kernels.jets.quotients import begin_quotient, divided, or_nothing
+from xdynamics.kernels.jets.series import Order, Series, slope
 from xdynamics.kernels.program import Operand
 
 Recurrence = Callable[..., Operand]  # of an order, the function's series and those of its arguments
@@ -30,59 +31,8 @@ class Rule(NamedTuple):
     beginning: Callable[..., None] = lambda *_: None
 
 
-def _begin_quotient(order: Order, own: Series, divisor: Operand) -> None:
-    """Keep the reciprocal of what all coefficients are divided by, to 106 bits."""
-    if not order.fused or _is_known(divisor):
-        return
-    nearest, rest = (order.part(own, name) for name in ("reciprocal", "rest"))
-    nearest.constant = rest.constant = True
-    order.keep(nearest, order.compute("divide", 1.0, divisor))
-    left = order.compute("fma", order.compute("negative", divisor), order.now(nearest), 1.0)
-    order.keep(rest, order.compute("divide", left, divisor))
-
-
-def _divided(order: Order, own: Series, value: Operand, divisor: Operand) -> Operand:
-    """Divide a coefficient by what `_begin_quotient` was given: rounded to nearest as a division is, in half the time."""
-    if not order.fused:
-        return order.compute("divide", value, divisor)
-    nearest, rest = _reciprocal(order, own, divisor)
-    if order.high or rest == 0.0:
-        return order.compute("multiply", value, nearest)
-    return order.compute("fma", value, nearest, order.compute("multiply", value, rest))
-
-
-def _reciprocal(order: Order, own: Series, divisor: Operand) -> tuple[Operand, Operand]:
-    """Return the reciprocal and what is left of it."""
-    if _is_known(divisor):
-        return reciprocal(float(divisor))
-    nearest, rest = (order.first(order.part(own, name)) for name in ("reciprocal", "rest"))
-    return nearest, rest
-
-
-def multiple_of(order: Order, name: str, own: Series, given: Sequence[Series]) -> tuple[Series, Operand] | None:
-    """Return the series that another is a multiple of and the factor, if it is one, where factors stay the same."""
-    match name, given:
-        case "negative", (of,):
-            return of, -1.0
-        case "multiply", (a, b) if a.constant != b.constant:
-            return (b, order.first(a)) if a.constant else (a, order.first(b))
-        case "divide", (a, b) if b.constant and order.fused:
-            return a, _reciprocal(order, own, order.first(b))[0]
-    return None
-
-
-def _is_known(divisor: Operand) -> bool:
-    """Whether it is a literal, of which the reciprocal is known when the program is written."""
-    return not isinstance(divisor, str) and 1e-150 < abs(divisor) < 1e150
-
-
 def _turned(order: Order, value: Operand) -> Operand:
     return order.compute("negative", value)
-
-
-def _or_nothing(order: Order, divisor: Operand, value: Operand) -> Operand:
-    """Return a coefficient, or 0 where what it was divided by is 0."""
-    return order.compute("choose", order.compute("equal", divisor, 0.0), 0.0, value)
 
 
 # ---------------------------------------------------------------------------------------------------------- arithmetic
@@ -107,16 +57,16 @@ def _product(order: Order, _own: Series, a: Series, b: Series) -> Operand:
 
 
 def _quotient_begun(order: Order, own: Series, _a: Series, b: Series) -> None:
-    _begin_quotient(order, own, order.first(b))
+    begin_quotient(order, own, order.first(b))
 
 
 def _quotient(order: Order, own: Series, a: Series, b: Series) -> Operand:
     rest = order.now(a) if b.constant else order.compute("subtract", order.now(a), order.convolution(b, own, skip=1))
-    return _divided(order, own, rest, order.first(b))
+    return divided(order, own, rest, order.first(b))
 
 
 def _root_begun(order: Order, own: Series, *given: Series) -> None:
-    _begin_quotient(order, own, _twice(order, own))
+    begin_quotient(order, own, _twice(order, own))
     if len(given) == 1:
         own.square = given[0]
 
@@ -133,18 +83,18 @@ def _root_of(order: Order, own: Series, now: Operand) -> Operand:
     """The next coefficient of the root of a series, by that of the series."""
     rest = order.compute("subtract", now, order.convolution(own, own, skip=2))
     twice = _twice(order, own)
-    return _or_nothing(order, twice, _divided(order, own, rest, twice))
+    return or_nothing(order, twice, divided(order, own, rest, twice))
 
 
 def _power_begun(order: Order, own: Series, a: Series, _exponent: Series) -> None:
-    _begin_quotient(order, own, order.first(a))
+    begin_quotient(order, own, order.first(a))
 
 
 def _power(order: Order, own: Series, a: Series, exponent: Series) -> Operand:
     rising = order.convolution(slope(order, a), own, skip=1)
     rest = order.convolution(_slope_before(order, own), a, skip=2)
     top = order.compute("subtract", order.compute("multiply", order.first(exponent), rising), rest)
-    return _or_nothing(order, order.first(a), order.over(_divided(order, own, top, order.first(a))))
+    return or_nothing(order, order.first(a), order.over(divided(order, own, top, order.first(a))))
 
 
 # ------------------------------------------------------------------------------------------------------- transcendental
@@ -161,11 +111,11 @@ def _exp(order: Order, own: Series, a: Series) -> Operand:
 def _quotient_of_slopes(order: Order, own: Series, rising: Operand, divisor: Series) -> Operand:
     """The next coefficient of y where y' d is known: k times that of y' is what is left of it, over d[0]."""
     rest = order.compute("subtract", rising, order.convolution(_slope_before(order, own), divisor, skip=2))
-    return order.over(_divided(order, own, rest, order.first(divisor)))
+    return order.over(divided(order, own, rest, order.first(divisor)))
 
 
 def _log_begun(order: Order, own: Series, a: Series) -> None:
-    _begin_quotient(order, own, order.first(a))
+    begin_quotient(order, own, order.first(a))
 
 
 def _log(order: Order, own: Series, a: Series) -> Operand:
@@ -230,13 +180,13 @@ def _with_slopes(rule: Recurrence, begun: Callable[..., None] = lambda *_: None)
 
 def _one_more_than_square(order: Order, own: Series, a: Series) -> None:
     order.keep(order.part(own, "squares"), order.compute("add", 1.0, order.convolution(a, a)))
-    _begin_quotient(order, own, order.now(order.part(own, "squares")))
+    begin_quotient(order, own, order.now(order.part(own, "squares")))
 
 
 def _sum_of_squares(order: Order, own: Series, y: Series, x: Series) -> None:
     total = order.compute("add", order.convolution(y, y), order.convolution(x, x))
     order.keep(order.part(own, "squares"), total)
-    _begin_quotient(order, own, total)
+    begin_quotient(order, own, total)
 
 
 def _atan(order: Order, own: Series, a: Series) -> Operand:
@@ -266,7 +216,7 @@ def _arc(*, turned: bool) -> Rule:
         root = order.part(own, "root")
         order.keep(root, order.compute("sqrt", product))
         _root_begun(order, root)
-        _begin_quotient(order, own, order.now(root))
+        begin_quotient(order, own, order.now(root))
 
     def rule(order: Order, own: Series, a: Series) -> Operand:
         root, rising = order.part(own, "root"), order.now(slope(order, a))

@@ -14,6 +14,8 @@ from typing import Protocol
 from xdynamics.kernels.program import Operand, Place
 
 MEMORY, ORDER, TERM = "w", "_order", "_term"  # array of the coefficients; indices of loops over orders and over terms
+# of the order k: (k - 1)//2, as many pairs of terms; whether there is a term in their middle, and k/2, which it is
+HALF, ODD, MIDDLE = "_half", "_odd", "_middle"
 
 
 @dataclass(eq=False)
@@ -38,6 +40,9 @@ class Series:
         That of which it is the square root.
     scaled : (Series, Operand), optional
         What it is a multiple of, and the factor.
+    made : (str, tuple of Series), optional
+        Of which others it is the sum, or the difference: its coefficients are computed again wherever they are read, as
+        those of two bodies take less room than those of every two.
     """
 
     constant: bool = False
@@ -48,6 +53,7 @@ class Series:
     read: bool = False
     square: Series | None = None
     scaled: tuple[Series, Operand] | None = None
+    made: tuple[str, tuple[Series, ...]] | None = None
     parts: dict[str, Series] = field(default_factory=dict)
 
 
@@ -93,6 +99,11 @@ class Order(Protocol):
 
     def read(self, place: Place) -> Operand:
         """Read a number that does not change."""
+
+
+def has_pairs(source: str) -> bool:
+    """Whether a law, printed as Python, has sums of products by pairs of terms."""
+    return f" {HALF} = " in source
 
 
 def reciprocal(number: float) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets.coefficients import Coefficients, Env
 from xdynamics.kernels.jets.linear_forms import LinearForms
 from xdynamics.kernels.jets.motion import Motion
-from xdynamics.kernels.jets.recurrences import multiple_of
+from xdynamics.kernels.jets.quotients import multiple_of
 from xdynamics.kernels.jets.series import MEMORY, Order, Series, reciprocal
 from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, Program, StoreTo
 
