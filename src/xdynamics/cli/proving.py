@@ -137,14 +137,15 @@ def enclose(
     parts: int | None,
     values: tuple[str, ...],
 ) -> None:
-    """Prove bounds of a smooth motion, for every start and parameter within its half_width.
+    """Prove bounds of all motions, for every start and parameter within its half_width.
 
     Intervals rounded outward hold coordinates, velocities, states, energies and observables of all these motions after each
     step, or at the times of --at, and the times at which all of them pass the zeros of events that record. What has no
     half_width is the number as it is written; a table over time counts as the polynomials of floats that runs look up, and
-    steps land on its points. Where every motion of the set passes an event that switches, all go on by the forces of the
-    other regime; at one that stops, bounds end before the first does. Refused, since no smooth motion goes through them:
-    contacts, friction, events that reset, controllers, tables of the motion, forces in Python. Ends with exit code 1, and says why, where no further step is proven.
+    steps land on its points. Where every motion of the set passes an event that switches or resets, all go on by the other
+    forces, or from what it sets; at one that stops, bounds end before the first does. Refused: contacts and friction (an
+    impact on a plane is a reset, too), constraints, controllers, periodic events, delays, tables of the motion, forces in
+    Python. Ends with exit code 1, and says why, where no further step is proven.
     """
     from xdynamics.archive import check_target, save
     from xdynamics.archive.place import placed

@@ -1,10 +1,4 @@
-"""Events that act: when every motion of a set has passed one, all go on by the forces of another regime, or stop.
-
-A motion that passes at its own time t* in an interval T goes on by other equations from there. To the end of T it differs
-from the motion by the equations before, which are proven to hold up to there, by the integral of the difference of both
-rates: of which bounds over boxes that no motion leaves in T are known. So the set keeps its shape, and grows by the length
-of T times the jump of the rates.
-"""
+"""Events that act: whether every motion of a set passes one within a step, and which is the first."""
 
 from __future__ import annotations
 
@@ -14,13 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.crossings import Crossing, Crossings, sign_of
 from xdynamics.tubes.flow import Flow, Proof
+from xdynamics.tubes.passages import Passage, Reset, passage
 from xdynamics.tubes.series import UndefinedError
-
-TRIALS, WIDER = 8, 0.5  # of candidates for a box that no motion leaves; by which part of what is reached they are wider
 
 
 @dataclass
@@ -35,7 +26,14 @@ class Acting:
     count : int
         At which of them, and at all later ones, it acts.
     to : int
-        The regime that it switches to; -1 where it stops.
+        The regime that it switches to; -1 of none.
+    stops : bool
+    reset : Reset, optional
+        What it sets.
+    function : str
+        Its function, as text: events of the same one act together.
+    moved : bool
+        Whether what is set is read by the function, which may then be away from zero afterwards.
     crossings : Crossings
     """
 
@@ -43,6 +41,10 @@ class Acting:
     direction: str
     count: int
     to: int
+    stops: bool
+    reset: Reset | None
+    function: str
+    moved: bool
     crossings: Crossings
 
     @property
@@ -91,29 +93,6 @@ class Acting:
         return trial, first, trial.known_until
 
 
-@dataclass(frozen=True)
-class Passage:
-    """An event that every motion passes within a step.
-
-    Attributes
-    ----------
-    event : Acting
-    crossing : Crossing
-    proof : Proof
-        Of the step, by the equations before.
-    between : ndarray, shape (2, n)
-        What holds the motions that have passed, up to the end of the interval of times.
-    held : ndarray
-        What holds for a step after it.
-    """
-
-    event: Acting
-    crossing: Crossing
-    proof: Proof
-    between: Box
-    held: Floats
-
-
 def first_passage(acting: Sequence[Acting], flow: Flow, proof: Proof) -> tuple[Proof, Passage | None]:
     """Return the part of a step up to which no event acts, and the event that acts there, if one does.
 
@@ -137,11 +116,29 @@ def first_passage(acting: Sequence[Acting], flow: Flow, proof: Proof) -> tuple[P
                 f"whether every motion passes '{name}', and once, cannot be told: the set is too wide, or touches zero"
             )
         return _before(unknown, acting, flow, proof), None
-    between, held = _between(flow, proof, crossing, event.to)
+    together = [
+        one
+        for one, (_, first, _) in zip(acting, trials, strict=True)
+        if first and one.function == event.function and np.array_equal(first.time, crossing.time)
+    ]
+    passed = _done(together, flow, proof, crossing)
     for other in acting:
-        if other is not event:
-            _stay(other, proof, crossing, between, held)
-    return proof, Passage(event, crossing, proof, between, held)
+        if other not in together:
+            _stay(other, passed)
+    for one in together:
+        _take_side(one, passed)
+    return proof, passed
+
+
+def _done(together: Sequence[Acting], flow: Flow, proof: Proof, crossing: Crossing) -> Passage:
+    """Return what some events do at a zero of their function."""
+    names = [one.name for one in together]
+    resets = [one.reset for one in together if one.reset]
+    if len(resets) > 1:
+        raise UndefinedError(f"events '{names[0]}' and '{names[1]}' set the state at the same time")
+    regimes = [float(proof.held[0]), *(float(one.to) for one in together if one.to >= 0)]
+    stops = any(one.stops for one in together)
+    return passage(names, flow, proof, crossing, regimes[-1], resets[0] if resets else None, stops=stops)
 
 
 def _before(time: float, acting: Sequence[Acting], flow: Flow, proof: Proof) -> Proof:
@@ -155,86 +152,48 @@ def _before(time: float, acting: Sequence[Acting], flow: Flow, proof: Proof) -> 
     return part
 
 
-def _stay(other: Acting, proof: Proof, crossing: Crossing, between: Box, held: Floats) -> None:
+def _stay(other: Acting, passed: Passage) -> None:
     """Follow another event up to where one acts, and see that it does not act meanwhile."""
+    crossing, proof, between, held = passed.crossing, passed.proof, passed.between, passed.held
     zeros, known = other.crossings, np.inf
     if crossing.time[0] > proof.begin[1]:
         zeros, _, known = other.followed(proof.cut(float(crossing.time[0])))
     zeros = copy(zeros)
     side = zeros.side_over(crossing.time, proof, between, held)
-    if side == 0 and (way := zeros.way_over(crossing.time, proof, between, held)) and not other.counts_way(way):
+    way = 0 if passed.reset else zeros.way_over(crossing.time, proof, between, held)
+    if side == 0 and way and not other.counts_way(way):
         zeros.stand(way)  # what it passes, if at all, does not count
     elif known < np.inf or side == 0 or side != zeros.side:
-        raise UndefinedError(f"event '{other.name}' may be passed while another acts, before or after it")
+        raise UndefinedError(f"event '{other.name}' may be passed while '{passed.names[0]}' acts, before or after it")
     other.crossings = zeros
 
 
-def _between(flow: Flow, proof: Proof, crossing: Crossing, to: int) -> tuple[Box, Floats]:
-    """Return a box that motions do not leave from their own zeros to the last of all, and what holds for them there."""
-    held = proof.held.copy()
-    if to >= 0:
-        held[0] = to
-    states, moving = proof.at(crossing.time), flow.problem.used
-    lasting = np.array([0.0, boxes.width(crossing.time) * (1.0 + 4.0 * boxes.EPS)])
-    candidate = states
-    for trial in range(TRIALS):
-        reached = boxes.add(states, boxes.multiply(lasting[:, None], flow.rates(crossing.time, candidate, held)))
-        reached[:, moving:] = states[:, moving:]
-        inside = (reached[0] > candidate[0]) & (reached[1] < candidate[1])
-        if inside[:moving].all():
-            return reached, held
-        slack = boxes.width(reached) * (WIDER * 2.0**trial) + boxes.size(reached) * boxes.EPS + 1e-290
-        slack[moving:] = 0.0
-        candidate = np.stack([reached[0] - slack, reached[1] + slack])
-    raise UndefinedError("no box was found that motions do not leave while others pass an event: the set is too wide")
-
-
-def go_on(flow: Flow, passage: Passage) -> None:
-    """Let all motions go on by the equations of another regime, from when the last of them has passed."""
-    proof, crossing, event = passage.proof, passage.crossing, passage.event
-    coordinates, moving = flow.problem.motions.motion.coordinates, flow.problem.used
-    lasting = np.array([0.0, boxes.width(crossing.time) * (1.0 + 4.0 * boxes.EPS)])
-    jump = boxes.subtract(
-        flow.rates(crossing.time, passage.between, passage.held),
-        flow.rates(crossing.time, proof.at(crossing.time), proof.held),
-    )
-    off = boxes.multiply(lasting[:, None], jump)
-    # positions differ by no more than velocities have come to do so
-    off[:, :coordinates] = boxes.multiply(lasting[:, None], off[:, coordinates : 2 * coordinates])
-    off[:, moving:] = 0.0
-    end = boxes.point(float(crossing.time[1]))
-    seen = proof.seen(end)
-    flow.regime = float(event.to)
-    flow.land(end, replace(seen, image=boxes.add(seen.image, off)), passage.between)
-    _take_side(event, passage)
-
-
-def _take_side(event: Acting, passage: Passage) -> None:
-    """Note an event's zero, and on which side of it all motions are behind it.
+def _take_side(event: Acting, passed: Passage) -> None:
+    """Note an event's zero, and on which side of it all motions are behind it: perhaps on that which they came from.
 
     Raises
     ------
     UndefinedError
-        If that cannot be told, or each would pass it again at once.
+        If that cannot be told.
     """
-    crossing, before = passage.crossing, event.crossings
-    rates = before.functions.at_start(crossing.time, passage.between, passage.held)[:, 1]
-    side, ahead = sign_of(rates), 1 if crossing.rising else -1
-    if side == 0:
+    crossing, before = passed.crossing, event.crossings
+    value, rate = before.functions.at_start(crossing.time, passed.between, passed.held).T
+    side = sign_of(value)
+    if side == 0 and not event.moved:
+        side = sign_of(rate)  # each was at zero when it passed
+    if side == 0 and not passed.stops:
         raise UndefinedError(f"on which side of zero '{event.name}' is after it has been passed cannot be told")
-    if side != ahead and event.direction == "either":
-        raise UndefinedError(f"event '{event.name}' would be passed again at once, by forces that drive motions back")
-    earlier = [found for found in event.followed(passage.proof)[0].found if found.time[1] <= crossing.time[0]]
-    kept = [*before.found, *(found for found in earlier[len(before.found) :]), crossing]
+    earlier = [found for found in event.followed(passed.proof)[0].found if found.time[1] <= crossing.time[0]]
+    kept = [*before.found, *earlier[len(before.found) :], crossing]
     event.crossings = replace(before, found=kept)
     event.crossings.stand(side)
 
 
-def follow_past(crossings: Crossings, passage: Passage) -> None:
+def follow_past(crossings: Crossings, passed: Passage) -> None:
     """Look for zeros of an event that records in a step in which another acts."""
-    crossing, proof = passage.crossing, passage.proof
+    crossing, proof = passed.crossing, passed.proof
     if crossing.time[0] > proof.begin[1]:
         crossings.follow(proof.cut(float(crossing.time[0])))
-    side = crossings.side_over(crossing.time, proof, passage.between, passage.held)
+    side = crossings.side_over(crossing.time, proof, passed.between, passed.held)
     if crossings.unknown_from == np.inf and (side == 0 or crossings.side != side or crossings.known_until < np.inf):
         crossings.unknown_from = min(float(crossing.time[0]), crossings.known_until)

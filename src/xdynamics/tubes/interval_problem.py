@@ -161,8 +161,8 @@ def _faults(model: Model) -> Iterator[str]:
         if event.every is not None:
             yield f"event '{name}' is periodic; give the times at which bounds are wanted as at"
             break
-        if event.action not in ("record", "switch", "stop"):
-            yield f"event '{name}' has action = '{event.action}', which sets the state anew; let it record, and give until"
+        if read := {"t", *model.drives} & set[str]().union(*map(model.reads, event.reset.values())):
+            yield f"what event '{name}' sets reads {min(read)}; write it in coordinates, velocities and states"
             break
     if model.controllers:
         name = next(iter(model.controllers))

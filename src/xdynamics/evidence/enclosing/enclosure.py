@@ -53,7 +53,7 @@ def enclose(
     model : Model
         Smooth between the points of its tables, which are of time, and of first or second order. Values at the start and
         parameters with a `half_width` are intervals, all others the numbers that are written; pieces of tables are the
-        polynomials of floats that runs look up. Events may record, switch to another regime, or stop.
+        polynomials of floats that runs look up. Events may record, switch, reset or stop.
     until : str or float
         Time up to which to prove; by default the last of `at`, else that of the model's `[run]`.
     at : times, optional
@@ -97,10 +97,10 @@ def enclose(
     derivatives over the whole set (Lohner 1987), the set as the image of the starts and a box in a frame that turns with
     the flow (Mrozek and Zgliczynski 2000; Nedialkov, Jackson, Corliss 1999, doi:10.1016/S0096-3003(98)10083-8).
 
-    An event that switches acts where every motion is proven to pass it once, in an interval of times. By its end the set has
-    grown by the length of the interval times the jump of the rates. Where it is not proven that all pass, as of a set of
-    which some motions turn back before, where a function touches zero, where two events may act in either order, or where
-    forces drive motions back at once, the proof ends, and says why.
+    An event acts where every motion is proven to pass it once, in an interval of times. By its end the set has grown by the
+    length of the interval times the jump of the rates. Where it is not proven that all pass, as of a set of which some
+    motions turn back before, where a function touches zero, or where two events may act in either order, the proof ends, and
+    says why. Events of the same function act together.
 
     Examples
     --------

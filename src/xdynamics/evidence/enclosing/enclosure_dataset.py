@@ -89,8 +89,8 @@ def proposition(model: Model, tube: Tube) -> str:
     )
     if ignored := unbounded(model):
         text += f" Standard uncertainties, of {', '.join(ignored)}, are no bounds: the values alone count."
-    if tube.switches:
-        text += f" On the way every motion goes over to another regime {tube.switches} times."
+    if tube.changes:
+        text += f" On the way events change every motion {tube.changes} times."
     if model.drives:
         text += " Times are floats here, and tables the polynomials of floats that runs look up."
     return text

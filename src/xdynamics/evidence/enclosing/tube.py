@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.expressions import text_of
 from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.model import Model
 from xdynamics.model.detectors import OCCASION, Detector, function_rate
 from xdynamics.tubes import Flow, IntervalProblem, Proof, boxes, interval_problem_of
-from xdynamics.tubes.acting import Acting, Passage, first_passage, follow_past, go_on
+from xdynamics.tubes.acting import Acting, first_passage, follow_past
 from xdynamics.tubes.boxes import Box
 from xdynamics.tubes.crossings import Crossing, Crossings
 from xdynamics.tubes.functions import Functions
+from xdynamics.tubes.passages import Passage, Reset, go_on
 from xdynamics.tubes.series import UndefinedError
 
 if TYPE_CHECKING:
@@ -71,8 +73,8 @@ class Tube:
         How many tubes it is joined of.
     stopped : str
         The event that stops all motions; empty if none does.
-    switches : int
-        How often all motions go over to another regime.
+    changes : int
+        How often an event sets all motions anew, or lets them go on by other forces.
     """
 
     times: NDArray[np.float64]
@@ -84,7 +86,7 @@ class Tube:
     at_times: bool
     parts: int = 1
     stopped: str = ""
-    switches: int = 0
+    changes: int = 0
 
 
 def proven(
@@ -106,7 +108,9 @@ def proven(
     layout, start = layout_of(model), float(model.initial["t"].si)
     observed = Functions(flow.problem, layout, list(layout.derived.values()))
     events = [_event(flow.problem, layout, detector) for detector in _occasions(layout)]
-    acting = [_acting(event, detector, model) for event, detector in zip(events, _occasions(layout), strict=True)]
+    acting = [
+        _acting(flow, layout, event, detector) for event, detector in zip(events, _occasions(layout), strict=True)
+    ]
     march = _March(flow, _Collected(flow, observed, (start, end), times), events, [event for event in acting if event])
     until, steps, reached = flow.problem.time_of(end), 0, start
     for proof in march.steps(until):
@@ -129,7 +133,7 @@ def proven(
         flow.reason,
         at_times,
         stopped=march.stopped,
-        switches=march.switches,
+        changes=march.changes,
     )
 
 
@@ -148,7 +152,7 @@ class _March:
     def __init__(self, flow: Flow, collected: _Collected, events: list[EventBounds], acting: list[Acting]) -> None:
         self._flow, self.collected, self._events, self._acting = flow, collected, events, acting
         self._named = {event.name: event for event in acting}
-        self.stopped, self.switches = "", 0
+        self.stopped, self.changes = "", 0
 
     def steps(self, until: Box) -> Iterator[Proof]:
         """Prove step after step; yield the part of each up to which no event acts, or the last of all motions has met one."""
@@ -165,26 +169,25 @@ class _March:
     def _judged(self, proof: Proof) -> Proof:
         """Take what a step proves; where an event acts, go on from there."""
         recorded = [event.crossings for event in self._events if event.name not in self._named]
-        passage = None
+        passed = None
         if self._acting:
-            proof, passage = first_passage(self._acting, self._flow, proof)
-        if passage is None:
+            proof, passed = first_passage(self._acting, self._flow, proof)
+        if passed is None:
             self.collected.add(proof)
             for crossings in recorded:
                 crossings.follow(proof)
             return proof
-        begin, end = map(float, passage.crossing.time)
+        begin, end = map(float, passed.crossing.time)
         for crossings in recorded:
-            follow_past(crossings, passage)
-        if passage.event.to < 0:
+            follow_past(crossings, passed)
+        if passed.stops:
             part = proof.cut(begin) if begin > proof.begin[1] else proof
             self.collected.add(part)
-            passage.event.crossings.found = [*passage.event.crossings.found, passage.crossing]
-            self.stopped = passage.event.name
+            self.stopped = passed.names[0]
             return part
-        go_on(self._flow, passage)
-        self.switches += 1
-        self.collected.pass_over(passage)
+        go_on(self._flow, passed)
+        self.changes += 1
+        self.collected.pass_over(passed)
         return proof.cut(end)
 
     def found(self) -> list[EventBounds]:
@@ -216,14 +219,17 @@ def _event(problem: IntervalProblem, layout: Layout, detector: Detector) -> Even
     return EventBounds(detector.name, detector.direction, Crossings(Functions(problem, layout, trees), jumping))
 
 
-def _acting(event: EventBounds, detector: Detector, model: Model) -> Acting | None:
+def _acting(flow: Flow, layout: Layout, event: EventBounds, detector: Detector) -> Acting | None:
     """Return an event that acts; None for one that records."""
-    declared = detector.event
-    if declared.action not in ("switch", "stop"):
+    declared, model, problem = detector.event, layout.model, flow.problem
+    if declared.action == "record":
         return None
     to = list(model.regimes).index(declared.to) if declared.action == "switch" else -1
-    zeros = replace(event.crossings, fine=True)
-    return Acting(event.name, event.direction, declared.count, to, zeros)
+    trees = {problem.names.index(target): model.expanded(tree) for target, tree in declared.reset.items()}
+    reset = Reset(Functions(problem, layout, [*trees.values()]), tuple(trees)) if trees else None
+    moved = not model.reads(detector.function).isdisjoint(declared.reset)
+    function, zeros, stops = text_of(detector.function), replace(event.crossings, fine=True), declared.action == "stop"
+    return Acting(event.name, event.direction, declared.count, to, stops, reset, function, moved, zeros)
 
 
 class _Collected:
@@ -255,11 +261,11 @@ class _Collected:
             if proof.begin[0] < time[0] and time[1] <= proof.end[1]:
                 self.rows[place] = self._row(proof, time, proof.at(time))
 
-    def pass_over(self, passage: Passage) -> None:
+    def pass_over(self, passed: Passage) -> None:
         """Take what a step proves in which an event acts: before it, while motions pass, and when the last of them has."""
-        proof, (begin, end) = passage.proof, passage.crossing.time
+        proof, (begin, end) = passed.proof, passed.crossing.time
         flow = self._flow
-        after = self._observed.of_set(flow.time, flow.set.itself(), flow.box, passage.held)
+        after = self._observed.of_set(flow.time, flow.set.itself(), flow.box, passed.held)
         last = np.concatenate([flow.box[:, : self._used], after], axis=1)
         if self._wanted is None:
             self._append(flow.time, last)
@@ -271,9 +277,9 @@ class _Collected:
             if time[0] == end:
                 self.rows[place] = last
             elif time[1] >= begin:
-                passed = self._observed.at_start(time, passage.between, passage.held)
-                passed = np.concatenate([passage.between[:, : self._used], passed], axis=1)
-                self.rows[place] = boxes.hull(self.rows[place], passed)
+                beyond = self._observed.at_start(time, passed.between, passed.held)
+                beyond = np.concatenate([passed.between[:, : self._used], beyond], axis=1)
+                self.rows[place] = boxes.hull(self.rows[place], beyond)
 
     def _append(self, time: Box, row: Box) -> None:
         self.times.append(self._end if np.array_equal(time, self._flow.problem.time_of(self._end)) else float(time[0]))
