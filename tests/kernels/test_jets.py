@@ -428,6 +428,17 @@ def test_sums_are_made_together() -> None:
     assert all(any(place.offset - 1 <= offset <= place.offset + 1 for offset in read) for place in inside)
 
 
+def test_sums_of_the_same_coefficients_are_made_together() -> None:
+    """Assert that products that alternate in the text are summed by loops in which each coefficient is read once."""
+    terms = [f"(u + {i}*t)" for i in range(1, 13)]
+    text = " + ".join([*(f"{term}*{term}" for term in terms), *(f"{term}*u" for term in terms)])
+    body = expansion(of_x(text), OF_X, 9, 3, written_out=False, fused=True).program.body
+    loops = [line for line in nested(body) if isinstance(line, Reduction) and line.index == "_term"]
+    loads = sum(isinstance(line, Load) for loop in loops for line in loop.body)
+    assert sum(len(loop.totals) for loop in loops) == 24
+    assert loads < 1.3 * 24  # one by one in the order of the text, 1.6
+
+
 def test_what_has_no_series_is_refused() -> None:
     """Assert that functions in Python, calls of the engine and largest elements are told apart."""
     store = StoreTo(Place("z", 2), "_v")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 
 from xdynamics.kernels.assignments import Assignments
@@ -10,7 +10,9 @@ from xdynamics.kernels.jets.motion import UnexpandedError
 from xdynamics.kernels.jets.series import ORDER, TERM, Series
 from xdynamics.kernels.program import Gather, Line, Load, Operand, Ordinal, Place, Reduction
 
+Sum = tuple[Series, Series, str]  # of a[j]*b[k - j]: both series, and its name
 AT_ONCE = 10  # sums by one loop: as many as a processor has registers for, with what they are of
+NEAR = 128  # sums that are looked at for those that read the same coefficients
 
 
 class Looped:
@@ -54,7 +56,7 @@ class Looped:
         self._now: dict[Series, Operand] = {}
         self._first: dict[Series, Operand] = {}
         self._number: Operand | None = None
-        self._sums: list[tuple[Series, Series, str]] = []
+        self._sums: list[Sum] = []
 
     @property
     def number(self) -> Operand:
@@ -143,11 +145,11 @@ class Looped:
         """Write all inner sums, which read earlier orders alone, before the other lines: some at once wait less."""
         lines = self.lines.lines
         found: list[Line] = [line for line in lines if isinstance(line, Gather)]
-        found += [self._summed(self._sums[i : i + AT_ONCE]) for i in range(0, len(self._sums), AT_ONCE)]
+        found += map(self._summed, _together(self._sums))
         lines[:] = [*found, *(line for line in lines if not isinstance(line, Gather))]
         self._sums.clear()
 
-    def _summed(self, sums: Sequence[tuple[Series, Series, str]]) -> Reduction:
+    def _summed(self, sums: Sequence[Sum]) -> Reduction:
         """Write some sums by one loop over their terms."""
         inner = Assignments(lambda _lines, name: name, f"_c{next(self._serial)}_")
         loaded: dict[Place, Operand] = {}
@@ -222,3 +224,22 @@ class Looped:
         name = f"_a{next(self._serial)}_"
         self.lines.lines.append(Load(name, place))
         return name
+
+
+def _together(sums: Sequence[Sum]) -> Iterator[list[Sum]]:
+    """Yield groups of sums for a loop each, in which many read the same coefficients: reading is what takes time."""
+    waiting = list(sums)
+    while waiting:
+        group: list[Sum] = []
+        read: set[tuple[Series, bool]] = set()
+        while waiting and len(group) < AT_ONCE:
+            near = range(min(NEAR, len(waiting)))
+            group.append(waiting.pop(min(near, key=lambda i: len(_sides(waiting[i]) - read))))
+            read |= _sides(group[-1])
+        yield group
+
+
+def _sides(entry: Sum) -> set[tuple[Series, bool]]:
+    """Return the series that a sum reads, and whether from its beginning."""
+    ahead, back, _ = entry
+    return {(ahead, True), (back, False)}
