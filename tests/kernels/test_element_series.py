@@ -240,3 +240,48 @@ def test_powers_outside_of_loops_stay() -> None:
     assert not powers_of(loop.body).made
     program = Program("forces", "Forces.", tuple(line for line in loop.body if not isinstance(line, StoreTo)))
     assert not expansion(program, Motion(1, 0), 3, written_out=False, fused=True).program.tables
+
+
+def running_sums(n: int) -> tuple[Program, Program]:
+    """Sums of n elements to which later rows add squares of what they find there: in loops, and line by line."""
+    i, j, k = ((index, 1) for index in "ijk")
+    links = (
+        Load("x", Place("y", 0, (j,))),
+        Load("sum", Place("sums", 0, (j,))),
+        Compute("part", "add", ("sum", "x")),
+        Compute("square", "multiply", ("part", "part")),
+        Compute("more", "add", ("sum", "square")),
+        StoreTo(Place("sums", 0, (j,)), "more"),
+        Compute("new", "add", ("total", "square")),
+    )
+    row = Reduction("j", n, links, ("new",), ("total",), "newest", 0.0, below="i")
+    rates = Load("rate", Place("sums", 0, (k,))), StoreTo(Place("z", n, (k,)), "rate")
+    looped = (Loop("i", n, (row, StoreTo(Place("sums", 0, (i,)), "total"))), Loop("k", n, rates))
+    lines: list[Line] = [Load(f"x{j}", Place("y", j)) for j in range(n)]
+    sums: list[str | float] = [0.0] * n
+    for row_number in range(n):
+        total: str | float = 0.0
+        for other in range(row_number):
+            names = [f"{name}{row_number}.{other}" for name in ("part", "square", "more", "new")]
+            lines += [
+                Compute(names[0], "add", (sums[other], f"x{other}")),
+                Compute(names[1], "multiply", (names[0], names[0])),
+                Compute(names[2], "add", (sums[other], names[1])),
+                Compute(names[3], "add", (total, names[1])),
+            ]
+            sums[other], total = names[2], names[3]
+        sums[row_number] = total
+    lines += [StoreTo(Place("z", n + j), value) for j, value in enumerate(sums)]
+    return Program("forces", "F.", looped, local={"sums": n}), Program("forces", "F.", tuple(lines))
+
+
+def test_what_passes_change_keeps_the_series_that_each_pass_found() -> None:
+    """Assert that a sum which later passes add to is not read again in its stead, where its square needs all orders."""
+    n, degree, results = 4, 6, []
+    for program in running_sums(n):
+        found = expansion(program, Motion(0, n), degree, written_out=False, fused=True)
+        w = np.zeros(found.memory)
+        in_python(found.program)(y=np.array([0.3, -0.2, 0.5, 0.1]), w=w, at=np.zeros(8))
+        results.append(w[: (degree + 1) * n])
+    assert np.abs(results[1]).min() > 1e-6
+    assert results[0] == pytest.approx(results[1], rel=1e-12, abs=0.0)
