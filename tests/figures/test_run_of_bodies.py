@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from cases.bodies import of_body
@@ -29,3 +30,41 @@ def test_bodies_are_drawn_by_attitude_and_angular_velocity() -> None:
     assert titles(run, only=["frame_q"]) == ["first-order state"]
     with pytest.raises(xd.InputError, match="only has 'frame_p'"):
         xd.plot(run, only=["frame_p"])
+
+
+CLUSTER = """
+name = "cluster"
+[dimensions]
+body = 12
+axis = ["x", "y"]
+[relations.pair]
+of = "body"
+[coordinates]
+r = { unit = "m", dims = ["body", "axis"] }
+[parameters]
+m = "1 kg"
+k = "1 N m-1"
+[mass]
+r = "m"
+[forces.springs]
+over = "pair"
+potential = "k*norm(second(r, pair) - first(r, pair), axis)**2/2"
+[initial]
+r = "metre*(1 + index(body) + 2*index(axis))"
+v_r = "(1 + index(axis))*metre/second"
+"""
+
+
+def test_a_picture_takes_no_element_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a picture of 24 elements makes few DataArrays of them: each costs as much as there are elements."""
+    made, count = xr.Dataset._construct_dataarray, 0
+
+    def counted(dataset: xr.Dataset, name: Any) -> xr.DataArray:
+        nonlocal count
+        count += 1
+        return made(dataset, name)
+
+    run = xd.simulate(xd.Model.from_text(CLUSTER), method="rk4", step="50 ms", until="0.5 s")
+    monkeypatch.setattr(xr.Dataset, "_construct_dataarray", counted)
+    assert len(titles(run)) == 4
+    assert 0 < count < 20

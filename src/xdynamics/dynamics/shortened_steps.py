@@ -298,7 +298,7 @@ def step_columns(
 
 def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
     """Return the model of a record, cached."""
-    return _model_of(str(run["model_toml"].values), tuple((functions or {}).items()))
+    return _model_of(str(run.variables["model_toml"].values), tuple((functions or {}).items()))
 
 
 @lru_cache(maxsize=16)

@@ -117,9 +117,9 @@ def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:
         return 1.0
     if exponent < 0:
         return by.operators["/"](1.0, power(base, -exponent, by))
+    if exponent.denominator == 1:
+        return _product(base, exponent.numerator)
     integer, fraction = divmod(exponent, 1)
-    if fraction == 0:
-        return _product(base, integer)
     if fraction == Fraction(1, 2):
         root = by.functions["sqrt"](base)
         return _product(base, integer) * root if integer else root

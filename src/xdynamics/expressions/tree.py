@@ -12,6 +12,7 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 
 from xdynamics.units.rounded import decimal_text
 
@@ -286,14 +287,20 @@ def exponent_of(node: Node) -> Fraction | None:
     """Return the exact value of a constant exponent (``2``, ``-1``, ``0.5``, ``3/2``); None if it is not one."""
     match node:
         case Number():
-            return Fraction(repr(node.value))
+            return _exact(node.value)
         case Negative():
             inner = exponent_of(node.operand)
             return None if inner is None else -inner
         case Binary(operator="/", left=Number() | Negative(), right=Number(value=value)) if value:
             numerator = exponent_of(node.left)
-            return None if numerator is None else numerator / Fraction(repr(value))
+            return None if numerator is None else numerator / _exact(value)
     return None
+
+
+@lru_cache(maxsize=256)
+def _exact(value: float) -> Fraction:
+    """Return a literal as the decimal number that it is written as."""
+    return Fraction(repr(value))
 
 
 def limits_domain(node: Node) -> bool:

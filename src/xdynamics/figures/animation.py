@@ -75,7 +75,7 @@ def animate(
         If the run has neither, or the film cannot be written.
     """
     check_dataset(run)
-    if "time" in run.variables and not run["time"].size:
+    if "time" in run.variables and not run.variables["time"].size:
         raise InputError("there is nothing to draw: the record has no rows")
     target, scene = placed(path) if path is not None else None, scene_of(run.copy(deep=False), trail)
     _check(target, seconds, rate, dpi)

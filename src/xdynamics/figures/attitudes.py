@@ -42,7 +42,7 @@ class Turning:
             self.unseen |= {*turns}
             places = [] if bodies[body].pivot else model.shapes.elements(position(body))
             self.places |= {*places}
-            if not any(name in run and np.ptp(run[name].values) for name in places):
+            if not any(name in run and np.ptp(run.variables[name].values) for name in places):
                 self.unseen |= {*places, *map(velocity, places)}
 
     @property

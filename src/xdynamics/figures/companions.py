@@ -104,7 +104,8 @@ def _traits(run: xr.Dataset) -> dict[str, str]:
         traits["rtol"] = f"rtol {float(attributes.get('solver_rtol_used', 0.0)):.3g}"
     elif "solver_step" in attributes and np.ndim(attributes["solver_step"]) == 0:
         traits["step"] = f"step {_number(attributes['solver_step'], attributes.get('solver_step_units', ''))}"
-    for name, variable in run.data_vars.items():
+    for name in run.data_vars:
+        variable = run.variables[name]
         role, units = variable.attrs.get("role"), variable.attrs.get("units", "1")
         if role == "parameter" and variable.ndim == 0:
             traits[f"parameter {name}"] = f"{name} = {_number(variable.values, units)}"

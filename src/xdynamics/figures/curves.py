@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import model_of, sampled, slack
 from xdynamics.evidence.observables import evaluated_on, tree_of
 from xdynamics.faults import InputError
+from xdynamics.figures.roles import with_role
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.schema import HELD, STEPS, acceleration, rate, velocity
@@ -130,12 +131,12 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
     curves = [between(run, name) for name in names]
     available = [curve for curve in curves if curve is not None]
     if len(available) < len(curves) or (exact and not _is_again(run)):
-        times, values = run["time"].values, [run[name].values for name in names]
+        times, values = run.variables["time"].values, [run.variables[name].values for name in names]
     else:
         times, values = available[0][0], [curve[1] for curve in available]
     rows = np.unique(np.concatenate([thinned(curve, times=times) for curve in values]))
     if "event_time" in run.variables and run.sizes["event"] <= DRAWN:  # no line passes by a state at an event
-        rows = np.union1d(rows, np.flatnonzero(np.isin(times, run["event_time"].values)))
+        rows = np.union1d(rows, np.flatnonzero(np.isin(times, run.variables["event_time"].values)))
     return times[rows], [curve[rows] for curve in values]
 
 
@@ -152,10 +153,10 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     evaluated on them. Where the record does not suffice, states lie on Hermite polynomials through the values recorded at
     both ends of a step. None if neither is available, or there are so many rows that straight lines are as good.
     """
-    if name in run.variables and run[name].dims == (STEPS,) and run[name].attrs.get("role") == HELD:
-        return _stairs(run["time"].values, run[name].values)
+    if name in run.variables and run.variables[name].dims == (STEPS,) and run.variables[name].attrs.get("role") == HELD:
+        return _stairs(run.variables["time"].values, run.variables[name].values)
     inner = _inner(run)
-    if inner is None or name not in run.variables or run[name].dims != (STEPS,):
+    if inner is None or name not in run.variables or run.variables[name].dims != (STEPS,):
         return None
     values = inner.states.get(name)
     if values is None:
@@ -163,8 +164,8 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     if values is None:
         return None
     order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
-    times = np.concatenate([run["time"].values, inner.times])[order]
-    line = np.concatenate([run[name].values, values])[order]
+    times = np.concatenate([run.variables["time"].values, inner.times])[order]
+    line = np.concatenate([run.variables[name].values, values])[order]
     # where a step's equations could not be solved again
     lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
     line[lost] = np.interp(times[lost], times[~lost], line[~lost])
@@ -178,7 +179,7 @@ def _stairs(times: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 def moments(run: xr.Dataset) -> Floats:
     """Return the times of rows and of points inside long steps."""
-    times: Floats = np.union1d(run["time"].values, _places(run)[0])
+    times: Floats = np.union1d(run.variables["time"].values, _places(run)[0])
     return times
 
 
@@ -205,15 +206,15 @@ def _inner_points(run: xr.Dataset) -> Inner | None:
         return None
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
-    state_names = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in STATES]
-    interpolated = {name: _bent(run, name, times, rows) for name in state_names if run[name].dims == (STEPS,)}
+    state_names = with_role(run, *STATES)
+    interpolated = {name: _bent(run, name, times, rows) for name in state_names if run.variables[name].dims == (STEPS,)}
     available = {name: values for name, values in interpolated.items() if values is not None}
     return Inner(times, rows, available, again=False) if available else None
 
 
 def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
     """Distribute points over steps: an equal number for each while rows are few, or more in proportion to its duration."""
-    time, n = run["time"].values, run.sizes[STEPS]
+    time, n = run.variables["time"].values, run.sizes[STEPS]
     h, span = np.diff(time), float(time[-1] - time[0])
     if not span > 0.0:
         return np.zeros(0), np.zeros(0, np.int64)
@@ -228,10 +229,10 @@ def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
 
 def _is_torn(run: xr.Dataset) -> bool:
     """Whether rows were left out, so that the states between the remaining ones are not recorded."""
-    time = run["time"].values
+    time = run.variables["time"].values
     if "step_size" not in run.variables:
         return True
-    off = np.abs(np.diff(time) - run["step_size"].values[1:])
+    off = np.abs(np.diff(time) - run.variables["step_size"].values[1:])
     size = np.maximum(np.abs(time[1:]), np.abs(time[:-1]))
     return bool(((off > slack(run) * size) & follows(run)).any())
 
@@ -246,18 +247,18 @@ def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | No
     """Repeat steps, shortened to end at the times; None if the record lacks what this needs, or they miss its rows."""
     if (model := _model(run)) is None or len(model.units) > LARGEST:
         return None
-    time, starts = run["time"].values, np.unique(rows)
+    time, starts = run.variables["time"].values, np.unique(rows)
     ends = np.nextafter(time[starts + 1], time[starts])
     try:
         samples = sampled(run, np.concatenate([times, ends]), after=True, rule=REINTEGRATE, functions=None)
     except InputError:
         return None
     for name in model.units:
-        recorded = run[name].values
-        deviation = np.abs(samples[name].values[times.size :] - recorded[starts + 1])
+        recorded = run.variables[name].values
+        deviation = np.abs(samples.variables[name].values[times.size :] - recorded[starts + 1])
         if not np.nanmax(deviation, initial=0.0) <= MET * np.ptp(recorded):  # an edited record
             return None
-    return {name: samples[name].values[: times.size] for name in model.units}
+    return {name: samples.variables[name].values[: times.size] for name in model.units}
 
 
 def _model(run: xr.Dataset) -> Model | None:
@@ -270,7 +271,7 @@ def _model(run: xr.Dataset) -> Model | None:
 
 def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
     """Evaluate a quantity that is computed from states; None if it disagrees with the recorded rows."""
-    model, attributes = _model(run), run[name].attrs
+    model, columns, attributes = _model(run), run.variables, run.variables[name].attrs
     if model is None or attributes.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
         return None
     try:
@@ -278,9 +279,9 @@ def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
     except InputError:  # a variable with an unreadable unit is drawn as recorded
         return None
     starts = np.unique(inner.rows)
-    recorded, states = run[name].values[starts], {state: run[state].values[starts] for state in model.units}
+    recorded, states = columns[name].values[starts], {state: columns[state].values[starts] for state in model.units}
     try:
-        evaluated = evaluated_on(run, model, [tree], states, run["time"].values[starts], starts)[0] / units
+        evaluated = evaluated_on(run, model, [tree], states, columns["time"].values[starts], starts)[0] / units
         values = evaluated_on(run, model, [tree], inner.states, inner.times, inner.rows)[0] / units
     except (InputError, KeyError):
         return None
@@ -295,7 +296,6 @@ def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
     Forces: the integral of the rate from the model's own equations; events: the changes at their instants; the method: the
     rest. None without a model, or with too few rows.
     """
-    inner, model = _inner(run), _model(run)
     if ENERGY_CHANGES in run.encoding:
         known: dict[str, float] | None = run.encoding[ENERGY_CHANGES]
         return known
@@ -334,12 +334,13 @@ class Accumulated:
     def add(self, run: xr.Dataset, inner: Inner | None = None) -> bool:
         """Add rows, the first of which is the last of those before; return whether their rates could be evaluated."""
         model = self.model
-        rows, time, energy = np.arange(run.sizes[STEPS]), run["time"].values, run["total_energy"].values
+        time, energy = run.variables["time"].values, run.variables["total_energy"].values
+        rows = np.arange(run.sizes[STEPS])
         inside = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
         order = np.argsort(np.concatenate([rows, inside.rows + 0.5]), kind="stable")
         times, all_rows = np.concatenate([time, inside.times])[order], np.concatenate([rows, inside.rows])[order]
         states = {
-            state: np.concatenate([run[state].values, inside.states.get(state, time[:0])])[order]
+            state: np.concatenate([run.variables[state].values, inside.states.get(state, time[:0])])[order]
             for state in model.units
         }
         try:
@@ -347,7 +348,7 @@ class Accumulated:
             rates = evaluated_on(run, model, [tree], states, times, all_rows)[0]
         except (InputError, KeyError):
             return False
-        rates = rates / float(parse_unit(str(run["total_energy"].attrs["units"])).factor)
+        rates = rates / float(parse_unit(str(run.variables["total_energy"].attrs["units"])).factor)
         gained = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0 * np.diff(times))])[order < rows.size]
         work = self.last[0] + gained
         jumps = self.last[1] + np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
@@ -366,8 +367,8 @@ def _bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | Non
     if not {*chain} <= set(run.variables):
         return None
     time, values = (
-        run["time"].values,
-        [run[derivative].values for derivative in chain],
+        run.variables["time"].values,
+        [run.variables[derivative].values for derivative in chain],
     )  # rates are in their owner's unit per second
     h = (time[rows + 1] - time[rows]).astype(float)
     return _hermite(

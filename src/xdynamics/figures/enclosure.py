@@ -54,7 +54,7 @@ def foot_of(tube: xr.Dataset) -> str:
 
 def _sampled(run: xr.Dataset, times: np.ndarray[Any, Any]) -> xr.Dataset:
     """Return the states of a run at those times of a tube that it has."""
-    ends = run["time"].values[[0, -1]]
+    ends = run.variables["time"].values[[0, -1]]
     return sample(run, times[(times >= ends[0]) & (times <= ends[1])])
 
 
@@ -70,8 +70,8 @@ def _tube(tube: xr.Dataset, name: str, time: str, inside: list[xr.Dataset], axes
         axes.plot(times, bound - about, color=COLOURS[0], linewidth=0.8)
     for k, run in enumerate(inside):
         if name in run:
-            at = run[AT_TIME].values
-            shown = run[name].values - np.interp(at, times, about)
+            at = run.variables[AT_TIME].values
+            shown = run.variables[name].values - np.interp(at, times, about)
             label = words(f"run by {run.attrs['solver_method']}")
             axes.plot(at, shown, ".-", color=COLOURS[1 + k], linewidth=1.0, markersize=3, label=label)
             axes.legend(fontsize=8, loc="upper left", framealpha=0.6)

@@ -35,8 +35,8 @@ def is_at_rounding(run: xr.Dataset) -> bool:
 
 def _departure(run: xr.Dataset) -> float:
     """Return the range of the total energy as a part of the largest energy."""
-    largest = max(float(np.abs(run[name].values).max()) for name in ENERGIES if name in run)
-    return float(np.ptp(run["total_energy"].values)) / largest if largest else 0.0
+    largest = max(float(np.abs(run.variables[name].values).max()) for name in ENERGIES if name in run)
+    return float(np.ptp(run.variables["total_energy"].values)) / largest if largest else 0.0
 
 
 def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
@@ -44,7 +44,7 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
 
     Of several runs the total is drawn alone.
     """
-    units, energy = run["total_energy"].attrs["units"], run["total_energy"].values
+    units, energy = run.variables["total_energy"].attrs["units"], run.variables["total_energy"].values
     others = [other for other in beside.others if "total_energy" in other.columns]
     axes.set_xlabel(timed(run["time"]))
     kept = is_at_rounding(run)
@@ -82,7 +82,7 @@ def _changed(run: xr.Dataset) -> str:
     changes = energy_changes(run)
     if changes is None:
         return ""
-    share = MATTERS * float(np.ptp(run["total_energy"].values))
+    share = MATTERS * float(np.ptp(run.variables["total_energy"].values))
     causes = [what for what, change in changes.items() if change > share]
     if causes == ["the method's error"]:
         return ", changed by the method's error alone"

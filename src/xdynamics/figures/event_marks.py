@@ -150,7 +150,11 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
         for n, kind in enumerate(kinds):
             label, shown = legend_label(kinds, n, axes), kind.drawn
             axes.plot(
-                run["event_time"].values[shown], heights.at(kind, shown), label=label, gid=IN_LEGEND, **kind.style
+                run.variables["event_time"].values[shown],
+                heights.at(kind, shown),
+                label=label,
+                gid=IN_LEGEND,
+                **kind.style,
             )
         return _has_legend(axes)
     _name_at_marks(run, kinds, heights, axes)
@@ -160,7 +164,7 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
 def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: EventHeights, axes: Axes) -> None:
     """Mark few events; at the first of each kind stands its name, together with what happens there at once."""
     labels: dict[tuple[int, float], list[str]] = {}
-    rows, times = run["event_row_before"].values, run["time"].values
+    rows, times = run.variables["event_row_before"].values, run.variables["time"].values
     for n, kind in enumerate(kinds):
         height = heights.at(kind, kind.events)
         axes.plot(times[rows[kind.events]], height, markersize=4.5, **kind.style)
@@ -179,8 +183,10 @@ def _has_rows_of_events(run: xr.Dataset) -> bool:
         return False
     if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
         return False
-    rows, times = run["event_row_before"].values, run["time"].values
-    return np.array_equal(times[np.clip(rows, 0, times.size - 1)], run["event_time"].values)  # else rows were left out
+    rows, times = run.variables["event_row_before"].values, run.variables["time"].values
+    return np.array_equal(
+        times[np.clip(rows, 0, times.size - 1)], run.variables["event_time"].values
+    )  # else rows were left out
 
 
 class EventHeights:
@@ -228,7 +234,9 @@ def concerned_elements(run: xr.Dataset) -> list[frozenset[str]]:
     """Return the labels of the elements that each event concerns; none of an event of single coordinates."""
     shapes = shapes_of(run)
     columns = [
-        words_of(run[name]) if run[name].attrs.get("role") == "flag" else [str(number) for number in run[name].values]
+        words_of(run[name])
+        if run.variables[name].attrs.get("role") == "flag"
+        else [str(number) for number in run.variables[name].values]
         for name in map(at_event, (*shapes.extents, *ENDS))
         if name in run.variables
     ]

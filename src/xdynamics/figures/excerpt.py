@@ -61,9 +61,9 @@ def drawn_of(run: xr.Dataset, wanted: Sequence[str] | None = None) -> xr.Dataset
     ]
     if not names:
         return run
-    if sum(run[name].size for name in names) <= MOST_NUMBERS or "time" not in run.variables:
+    if sum(run.variables[name].size for name in names) <= MOST_NUMBERS or "time" not in run.variables:
         return run.assign(computed(run[names])[0].variables)
-    along = {dim: [name for name in names if run[name].dims[:1] == (dim,)] for dim in CLOCKS}
+    along = {dim: [name for name in names if run.variables[name].dims[:1] == (dim,)] for dim in CLOCKS}
     short = [name for name in names if not any(name in listed for listed in along.values())]
     excerpt = run.assign(computed(run[short])[0].variables) if short else run
     for dim in (TRIALS, EVENTS):
@@ -115,7 +115,9 @@ def _kept(
     start, end = columns.at(clock, [0, columns.size - 1]).tolist()
     by_row = np.linspace(0, columns.size, most // 4 + 1).astype(np.int64)
     by_time = np.linspace(start, end, most // 4 + 1)[1:-1]
-    numeric = [name for name in names if run[name].dtype.kind == "f" and run[name].dims == (dim,) and name != clock]
+    numeric = [
+        name for name in names if run[name].dtype.kind == "f" and run.variables[name].dims == (dim,) and name != clock
+    ]
     kept: dict[str, list[Any]] = {name: [] for name in (*names, dim)}
     read = list(dict.fromkeys([clock, *names, *([kind] if kind else [])]))
     for part in columns.parts(*read):
@@ -134,7 +136,8 @@ def _kept(
         kept[dim].append(part.first + chosen)
     numbers = np.concatenate(kept.pop(dim))
     read_columns = {
-        name: xr.Variable(run[name].dims, np.concatenate(parts), run[name].attrs) for name, parts in kept.items()
+        name: xr.Variable(run.variables[name].dims, np.concatenate(parts), run.variables[name].attrs)
+        for name, parts in kept.items()
     }
     index = {"units": "1", "long_name": f"number along {dim}", "role": "index"}
     return (
@@ -191,7 +194,7 @@ class _Shown:
         moments = [moments_of(start, end)]
         if model is not None and model.pictured.section is not None:
             moments.append(strobes(model, start, end))
-        events = [run[name].values for name in EVENT_ROWS if name in run.variables]
+        events = [run.variables[name].values for name in EVENT_ROWS if name in run.variables]
         rows = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
         shown = cls(run, model, rows, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
         if model is not None and not model.python_functions and {"total_energy", *model.units} <= {*run.variables}:

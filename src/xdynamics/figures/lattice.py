@@ -41,7 +41,10 @@ def profiled(run: xr.Dataset, shapes: Shapes) -> Iterator[tuple[str, str, list[s
         if len(dims) != 1 or shapes.extent(dims[0]).size < FEWEST_ELEMENTS:
             continue
         elements = shapes.elements(name)
-        if all(element in run and run[element].attrs.get("role") in ("coordinate", "state") for element in elements):
+        if all(
+            element in run and run.variables[element].attrs.get("role") in ("coordinate", "state")
+            for element in elements
+        ):
             yield name, dims[0], elements
 
 
@@ -61,10 +64,10 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
     """Draw the elements of a quantity side by side at the recorded states nearest to some times."""
     from matplotlib import colormaps
 
-    time = run["time"].values
+    time = run.variables["time"].values
     rows = np.unique([int(np.abs(time - moment).argmin()) for moment in moments_of(time[0], time[-1])])
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
-    suffix = unit_suffix(str(run["time"].attrs["units"]))
+    suffix = unit_suffix(str(run.variables["time"].attrs["units"]))
     for row, shade in zip(rows, shades, strict=True):
         values = [float(run[element][row]) for element in elements]
         axes.plot(
@@ -77,6 +80,6 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
             label=f"{float(f'{time[row]:.4g}'):g}{suffix}",
         )
     name_elements(axes, dim, shapes_of(run).extent(dim))
-    axes.set(ylabel=words(f"{name} ({run[elements[0]].attrs['units']})"))
+    axes.set(ylabel=words(f"{name} ({run.variables[elements[0]].attrs['units']})"))
     axes.set_title(words(f"{name} along {dim}, at recorded states"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

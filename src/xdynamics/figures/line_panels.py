@@ -55,19 +55,19 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
     if len(names) > MOST_LINES:
         _map(run, names, what, axes)
         return
-    time, around = run["time"].values, wraps(run)
+    time, around = run.variables["time"].values, wraps(run)
     for name in names:
         colour, label = key(name, 0, beside.own, names, beside)
-        values, (times, (line,)) = run[name].values, drawn(run, name)
+        values, (times, (line,)) = run.variables[name].values, drawn(run, name)
         if name in around:
-            units = str(run[name].attrs["units"])
+            units = str(run.variables[name].attrs["units"])
             values, line = wrapped(values, units), torn(line, units)
         if run.sizes[STEPS] < FEW_ROWS:
             axes.plot(time, values, ".", color=colour, markersize=4)
         axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(label))
     overlaid = _overlay(run, names, beside, axes)
     label = SHORT_NAMES[what] if what in SHORT_NAMES and len(names) > 1 else _joined(names)
-    axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
+    axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run.variables[names[0]].attrs['units']})"))
     axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
     shade_regimes(run, axes)
     marked = mark_events(run, names, axes)
@@ -91,7 +91,7 @@ def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> b
             times, values, doubts = other.columns[name]
             text = words(label)
             if name in around:
-                values = (torn if doubts is None else wrapped)(values, str(run[name].attrs["units"]))
+                values = (torn if doubts is None else wrapped)(values, str(run.variables[name].attrs["units"]))
             if doubts is None:
                 axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=text)
             else:
@@ -111,7 +111,7 @@ def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> b
 
 def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     """Draw many variables as colours: time across, one row for each."""
-    time = run["time"].values
+    time = run.variables["time"].values
     grid = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
     rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
     changes, label, note = rows - rows[:, :1], _joined(names), ""
@@ -119,7 +119,7 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
         rows, label, note = changes, f"{label} - {label}(0)", " less its start"
     edges = np.append(grid, grid[-1])
     mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **_colours(rows))
-    colour_bar(mesh, words(f"{label} ({run[names[0]].attrs['units']})"), axes)
+    colour_bar(mesh, words(f"{label} ({run.variables[names[0]].attrs['units']})"), axes)
     ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
     axes.grid(visible=False)
@@ -160,7 +160,7 @@ def _along(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     """Return times and values of a measured table along a run; None if its model has no such table."""
     if "model_toml" not in run or name not in (model := model_of(run, None)).drives:
         return None
-    drive, time = model.drives[name], run["time"].values
+    drive, time = model.drives[name], run.variables["time"].values
     table = dict(zip(model.drives, tables_of(model), strict=True))[name]
     place = model.looked_up_at[name]
     of_time = place == CLOCK
@@ -172,7 +172,7 @@ def _along(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
         argument = argument * float(model.units[place.name].factor)
     else:
         read = free_names(place) & {*model.units}
-        state = {word: run[word].values * float(model.units[word].factor) for word in read}
+        state = {word: run.variables[word].values * float(model.units[word].factor) for word in read}
         at, argument = time, evaluate_many(place, {**constants(model), **state, "t": time})
     values: Floats = looked_up(table, argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
     return at, values
@@ -181,7 +181,7 @@ def _along(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
 def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
     """Name the impulses that are not zero throughout."""
     names = [f"event_impulse_{name}" for name in coordinates]
-    return [name for name in names if name in run and is_whole(run.attrs) and run[name].values.any()]
+    return [name for name in names if name in run and is_whole(run.attrs) and run.variables[name].values.any()]
 
 
 def impact_needles(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
@@ -196,7 +196,7 @@ def impact_needles(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes
             axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
             axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(text))
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    axes.set(xlabel=timed(run["time"]), ylabel=words(f"impulse ({run[names[0]].attrs['units']})"))
+    axes.set(xlabel=timed(run["time"]), ylabel=words(f"impulse ({run.variables[names[0]].attrs['units']})"))
     axes.set_title("impulses of impacts", loc="left", fontsize=10)
     over_the_run(run, axes)
     _legend(axes, names, needed=bool(beside.own))
@@ -238,15 +238,15 @@ def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes, trans
         its_times = settled(record, strobes(its_model, float(time[0]), float(time[-1])), transient)
         states = sample(record, its_times, functions=its_model.functions)
         for name in names:
-            units = str(run[name].attrs["units"])
+            units = str(run.variables[name].attrs["units"])
             position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
             colour, text = key(name, k, label, names, Beside())
             speeds = states[velocity(name)].values
             axes.plot(position, speeds, ".", color=colour, markersize=2.5, label=words(text))
     speed_names = [velocity(coordinate) for coordinate in names]
     axes.set(
-        xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"),
-        ylabel=words(f"{_joined(speed_names)} ({run[speed_names[0]].attrs['units']})"),
+        xlabel=words(f"{_joined(names)} ({run.variables[names[0]].attrs['units']})"),
+        ylabel=words(f"{_joined(speed_names)} ({run.variables[speed_names[0]].attrs['units']})"),
     )
     left_out = f" after {found.size - times.size}" if found.size > times.size else ""
     second = unit_suffix(model.time_unit.text)
@@ -276,19 +276,19 @@ def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None
         for other in beside.others:
             found += [(other.label, pair)] if (pair := other.together(name, velocity(name))) is not None else []
         for k, (label, (line, speeds)) in enumerate(found):
-            start, units = line[:1], str(run[name].attrs["units"])
+            start, units = line[:1], str(run.variables[name].attrs["units"])
             if name in around:
                 start, line = wrapped(start, units), torn(line, units)  # noqa: PLW2901
             colour, text = key(name, k, label, names, beside)
             first = speeds[:1]
             if k == 0 and is_long(run):
-                columns = (run[entry].values for entry in (name, velocity(name), "time"))
+                columns = (run.variables[entry].values for entry in (name, velocity(name), "time"))
                 line, speeds = unjoined(*columns)  # noqa: PLW2901
                 line = torn(line, units) if name in around else line  # noqa: PLW2901
                 axes.plot(*alone(line, speeds), color=colour, **DOTS)
             axes.plot(line, speeds, ("-", *DASHES)[k % 4], color=colour, linewidth=1.0, label=words(text))
             axes.plot(start, first, "o", color=colour, markersize=4)
-    units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
+    units, per_second = run.variables[names[0]].attrs["units"], run.variables[velocity(names[0])].attrs["units"]
     axes.set(
         xlabel=words(f"{_joined(names)} ({units})"),
         ylabel=words(f"{_joined([velocity(name) for name in names])} ({per_second})"),
@@ -338,14 +338,14 @@ def _legend(axes: Axes, names: list[str], beside: Beside | None = None, *, neede
 
 def is_late(run: xr.Dataset) -> bool:
     """Whether logarithmic time suits the rows: half of them lie in the first hundredth of the span."""
-    time, numbers = run["time"].values, run[STEPS].values
+    time, numbers = run.variables["time"].values, run[STEPS].values
     span, median = time[-1] - time[0], np.interp((numbers[0] + numbers[-1]) / 2.0, numbers, time)
     return bool(len(time) >= FEWEST_LATE and span > 0 and median - time[0] < LATE * span)
 
 
 def over_the_run(run: xr.Dataset, axes: Axes) -> None:
     """Give a panel the time axis of all the others: the run's span, logarithmic where that suits its rows."""
-    time = run["time"].values
+    time = run.variables["time"].values
     if is_late(run):
         first = float(np.diff(time)[np.diff(time) > 0].min())
         axes.set_xscale("log", nonpositive="mask")

@@ -21,19 +21,19 @@ PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_u
 
 def steps(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     """Draw the steps on a logarithmic scale; an event's second row has none."""
-    size, time = run["step_size"].values, run["time"].values
+    size, time = run.variables["step_size"].values, run.variables["time"].values
     rows = _positive(size)
     axes.plot(time[rows], size[rows], ".", color=COLOURS[5], markersize=2.5, label=words(beside.own or "accepted"))
     _beside(beside, "step_size", axes)
-    attributes = run["trial_reason"].attrs
+    attributes = run.variables["trial_reason"].attrs
     reasons = np.array(attributes["flag_meanings"].split()) if attributes["role"] == "flag" else np.zeros(0, "U")
     failed = np.atleast_1d(attributes["flag_values"])[reasons == "error_test"] if reasons.size else reasons
-    rejected = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
+    rejected = np.flatnonzero(np.isin(run.variables["trial_reason"].values, failed))
     if len(rejected):
-        rejected = rejected[thinned(run["trial_step_size"].values[rejected])]
+        rejected = rejected[thinned(run.variables["trial_step_size"].values[rejected])]
         axes.plot(
-            run["trial_time"].values[rejected],
-            run["trial_step_size"].values[rejected],
+            run.variables["trial_time"].values[rejected],
+            run.variables["trial_step_size"].values[rejected],
             "x",
             color=COLOURS[1],
             markersize=3.5,
@@ -51,7 +51,7 @@ def steps(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
 
 def errors(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
-    norm, time = run["error_norm"].values, run["time"].values
+    norm, time = run.variables["error_norm"].values, run.variables["time"].values
     rows = _positive(norm)
     axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5, label=words(beside.own))
     if _beside(beside, "error_norm", axes):
@@ -83,9 +83,9 @@ def _positive(values: NDArray[np.float64]) -> NDArray[np.int64]:
 
 def locations(run: xr.Dataset, axes: Axes) -> None:
     """Draw the width of each event's bracket and the uncertainty of its time."""
-    time = run["event_time"].values
+    time = run.variables["event_time"].values
     for name, marker, colour in zip(PARTS, "_.", (COLOURS[0], COLOURS[1]), strict=True):
-        values = run[name].values
+        values = run.variables[name].values
         shown = (values > 0) & np.isfinite(values)
         axes.plot(time[shown], values[shown], marker, color=colour, markersize=5, label=words(PARTS[name]))
     axes.set_yscale("log")

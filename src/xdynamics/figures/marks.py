@@ -67,10 +67,10 @@ def words(text: Any) -> str:
 
 def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
     """Shade the time that each regime lasts, and name it, where there are several."""
-    if "regime" not in run or len(names := run["regime"].attrs["flag_meanings"].split()) < 2:
+    if "regime" not in run or len(names := run.variables["regime"].attrs["flag_meanings"].split()) < 2:
         return
-    time, regime = run["time"].values, run["regime"].values
-    flags = np.atleast_1d(run["regime"].attrs["flag_values"]).tolist()
+    time, regime = run.variables["time"].values, run.variables["regime"].values
+    flags = np.atleast_1d(run.variables["regime"].attrs["flag_values"]).tolist()
     edges = np.concatenate([[0], np.flatnonzero(np.diff(regime)) + 1, [len(regime)]])
     for first, last in list(pairwise(edges))[:MOST_BANDS]:
         place = flags.index(int(regime[first]))

@@ -22,6 +22,7 @@ from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_k
 from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED, straight
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.placing import named_elsewhere
+from xdynamics.figures.roles import with_role
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.units import spell
@@ -51,10 +52,10 @@ def views(run: xr.Dataset) -> list[list[BodyPath]]:
     if model is not None and model.shapes.dims:
         return _of_bodies(run, model)
     groups: dict[str, list[str]] = {}
-    for name, variable in run.data_vars.items():
-        units = str(variable.attrs.get("units"))
-        if variable.attrs.get("role") == "coordinate" and variable.dims == ("step",) and is_length(units):
-            groups.setdefault(units, []).append(str(name))
+    for name in with_role(run, "coordinate"):
+        units = str(run.variables[name].attrs.get("units"))
+        if run.variables[name].dims == ("step",) and is_length(units):
+            groups.setdefault(units, []).append(name)
     pairs = []
     for units, names in groups.items():
         if 2 <= len(names) <= SEEN and not of_one_kind(names):
@@ -70,14 +71,13 @@ def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
 
     One that the model names is not among them.
     """
-    roles = {str(name): variable.attrs.get("role") for name, variable in run.data_vars.items()}
-    names = [name for name, role in roles.items() if role == "state" and run[name].dims == ("step",)]
-    if "coordinate" in roles.values() or not 2 <= len(names) <= SEEN:
+    names = [name for name in with_role(run, "state") if run.variables[name].dims == ("step",)]
+    if with_role(run, "coordinate") or not 2 <= len(names) <= SEEN:
         return []
     model = _model(run)
     named = [] if model is None else [{*map(text_of, pair)} for pair in model.pictured.plane]
     times, lines = _lines(run, names)
-    units = [str(run[name].attrs["units"]) for name in names]
+    units = [str(run.variables[name].attrs["units"]) for name in names]
     return [
         [BodyPath(names[i], names[j], units[i], times, lines[i], lines[j], up_units=units[j])]
         for i, j in combinations(range(len(names)), 2)
@@ -101,9 +101,13 @@ def of_one_kind(names: list[str]) -> bool:
 
 def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the view of bodies on one line, each with a single coordinate that is a length: upright if called like a height."""
-    names = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate"]
-    units = {str(run[name].attrs["units"]) for name in names if run[name].dims == ("step",)}
-    if len(units) != 1 or any(run[name].dims != ("step",) for name in names) or not is_length(unit := units.pop()):
+    names = with_role(run, "coordinate")
+    units = {str(run.variables[name].attrs["units"]) for name in names if run.variables[name].dims == ("step",)}
+    if (
+        len(units) != 1
+        or any(run.variables[name].dims != ("step",) for name in names)
+        or not is_length(unit := units.pop())
+    ):
         return []
     if len(names) > 1 and not of_one_kind(names):
         return []
@@ -189,7 +193,7 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, j
     is_one = all(body.across == first.across and body.up == first.up for body in view)
     across, up = (short(first.across, "across"), short(first.up, "up")) if is_one else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
-    named = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in POSITIONS]
+    named = with_role(run, *POSITIONS)
     what = "the plane" if first.is_space else "phase plane"
     axes.set_title(
         f"{what} ({'dots and grey lines' if joined else 'dot'}: start{note}){left_out(every)}{straight(run, *named)}",
@@ -263,7 +267,7 @@ def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     if not run.sizes.get("event", 0) or not {"event_time", "event_detector", "event_kind"} <= {*run.variables}:
         _legend(view, axes)
         return
-    kinds, concerned, times = event_kinds(run), concerned_elements(run), run["event_time"].values
+    kinds, concerned, times = event_kinds(run), concerned_elements(run), run.variables["event_time"].values
     for n, kind in enumerate(kinds):
         label = legend_label(kinds, n, axes)
         for body in view:
@@ -341,7 +345,7 @@ def _lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]]:
     """Return times and values of lines, all at the same times, bent where states are few."""
     curves = [curve for name in names if (curve := between(run, name)) is not None]
     if len(curves) < len(names) or not curves:
-        return run["time"].values, [run[name].values for name in names]
+        return run.variables["time"].values, [run.variables[name].values for name in names]
     return curves[0][0], [values for _, values in curves]
 
 

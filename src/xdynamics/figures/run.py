@@ -16,6 +16,7 @@ from xdynamics.figures import energy, lattice, line_panels, march_panels, plane,
 from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
+from xdynamics.figures.roles import with_role
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.figures.transients import Transient
@@ -110,9 +111,9 @@ def panels_of(
     InputError
         If the Dataset has no recorded times, or nothing that was asked for.
     """
-    if "time" not in run.variables or run["time"].dims != (STEPS,):
+    if "time" not in run.variables or run.variables["time"].dims != (STEPS,):
         raise InputError("plot needs a run record with 'time' along 'step'")
-    if not run["time"].size:
+    if not run.variables["time"].size:
         raise InputError("there is nothing to draw: the record has no rows")
     check(run, whole=False, values=False)
     if transient is not None and not _is_driven(run):
@@ -206,7 +207,12 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     coordinates, turning = _with_role(run, "coordinate"), Turning(run)
     moving = [velocity(name) for name in coordinates if _drawn(run, velocity(name))]
     states, observables = _with_role(run, "state"), _with_role(run, "observable")
-    if wanted is None and not coordinates and observables and not any(np.ptp(run[name].values) for name in states):
+    if (
+        wanted is None
+        and not coordinates
+        and observables
+        and not any(np.ptp(run.variables[name].values) for name in states)
+    ):
         states, wanted = [], observables  # nothing moves, and what is computed was asked for
     if wanted is None:
         coordinates, moving, states = map(turning.shown, (coordinates, moving, states))
@@ -215,7 +221,7 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     kinds += [("state", "first-order state", states), ("controller", "held between ticks", _held(run))]
     for kind, title, names in (*kinds, ("other", "", _others(run))):
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):
-            what = title or str(run[group[0]].attrs["role"]).replace("_", " ")
+            what = title or str(run.variables[group[0]].attrs["role"]).replace("_", " ")
             yield kind, group, partial(line_panels.against_time, run, group, what, beside)
     for parts in turning.attitudes:
         if wanted is None or "attitude" in wanted:
@@ -236,7 +242,7 @@ def _of_forces(
         ("constraint", "multiplier", line_panels.CONSTRAINTS),
     ):
         shown = [name for name in _with_role(run, role) if name not in joined]
-        acting = [name for name in shown if run[name].ndim == 1 and run[name].values.any()]
+        acting = [name for name in shown if run.variables[name].ndim == 1 and run.variables[name].values.any()]
         for names in _by_unit(run, _wanted_names(kind, acting, wanted)):
             yield kind, names, partial(line_panels.against_time, run, names, title, beside)
     for names in _by_unit(run, line_panels.impulses(run, coordinates)):
@@ -320,16 +326,12 @@ def _is_steady(run: xr.Dataset) -> bool:
 
 
 def _with_role(run: xr.Dataset, role: str) -> list[str]:
-    return [
-        str(name)
-        for name, variable in run.data_vars.items()
-        if variable.attrs.get("role") == role and _drawn(run, str(name))
-    ]
+    return [name for name in with_role(run, role) if _drawn(run, name)]
 
 
 def _drawn(run: xr.Dataset, *names: str) -> bool:
     """Whether all of these variables have rows, as in a whole record."""
-    return all(name in run and run[name].dims[:1] in ((STEPS,), ("trial",)) for name in names)
+    return all(name in run and run.variables[name].dims[:1] in ((STEPS,), ("trial",)) for name in names)
 
 
 def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
@@ -337,7 +339,7 @@ def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
     groups: dict[tuple[str, str], list[str]] = {}
     for name in names:
         whole, labels = parted(name)
-        groups.setdefault((run[name].attrs["units"], whole if labels else ""), []).append(name)
+        groups.setdefault((run.variables[name].attrs["units"], whole if labels else ""), []).append(name)
     return list(groups.values())
 
 

@@ -63,9 +63,9 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
     if shown:
         return None
     for name, dim, elements in profiled(run, shapes_of(run)):
-        values = np.stack([run[element].values for element in elements], axis=-1)
-        extent, units = shapes_of(run).extent(dim), str(run[elements[0]].attrs["units"])
-        return Profile(name, dim, extent, units, run["time"].values, values)
+        values = np.stack([run.variables[element].values for element in elements], axis=-1)
+        extent, units = shapes_of(run).extent(dim), str(run.variables[elements[0]].attrs["units"])
+        return Profile(name, dim, extent, units, run.variables["time"].values, values)
     return None
 
 

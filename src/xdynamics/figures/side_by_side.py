@@ -63,9 +63,9 @@ def _companion(run: xr.Dataset, source: Any, wanted: Sequence[str] | None) -> Be
     label, series = _measured(run, source) if record is None else _of_run(record)
     columns, factors = {}, {}
     for name, (times, values, doubts, units) in series.items():
-        if name not in run or run[name].dims != (STEPS,):
+        if name not in run or run.variables[name].dims != (STEPS,):
             continue
-        own, theirs = (parse_unit(text) for text in (str(run[name].attrs["units"]), units))
+        own, theirs = (parse_unit(text) for text in (str(run.variables[name].attrs["units"]), units))
         if own.dimension != theirs.dimension:
             raise InputError(f"'{name}' of {label} is in '{units}', the run has it in '{own.text}'")
         factors[name] = factor = float(theirs.factor / own.factor)

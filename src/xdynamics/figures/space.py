@@ -86,7 +86,7 @@ def fields(run: xr.Dataset) -> Iterator[tuple[list[str], Panel]]:
         if len(dims) != 2 or min(shapes.shape(dims)) < FEWEST_ELEMENTS:
             continue
         elements = shapes.elements(name)
-        if all(element in run and run[element].attrs.get("role") in POSITION for element in elements):
+        if all(element in run and run.variables[element].attrs.get("role") in POSITION for element in elements):
             yield elements, partial(field, run, name, dims, shapes)
 
 
@@ -94,11 +94,11 @@ def field(run: xr.Dataset, name: str, dims: tuple[str, str], shapes: Shapes, axe
     """Draw a quantity over two dimensions at the last recorded state, with its unit beside the colours."""
     elements = shapes.elements(name)
     values = np.array([float(run[element][-1]) for element in elements]).reshape(shapes.shape(dims))
-    units = str(run[elements[0]].attrs["units"])
+    units = str(run.variables[elements[0]].attrs["units"])
     mesh = axes.pcolormesh(values.T, cmap="viridis", rasterized=True)
     colour_bar(mesh, f"{words(name)} ({typeset(units)})", axes)
     axes.set_aspect("equal", adjustable="box")
     axes.grid(visible=False)
     axes.set(xlabel=words(f"{dims[0]}, counted from 0"), ylabel=words(f"{dims[1]}, counted from 0"))
-    time, suffix = float(run["time"][-1]), unit_suffix(str(run["time"].attrs["units"]))
+    time, suffix = float(run["time"][-1]), unit_suffix(str(run.variables["time"].attrs["units"]))
     axes.set_title(words(f"{name} over {dims[0]} and {dims[1]} at t = {time:.4g}{suffix}"), loc="left", fontsize=10)

@@ -139,12 +139,12 @@ class Layout:
         return self.coordinates + self.velocities + self.states
 
     @cached_property
-    def kinds(self) -> NDArray[np.int64]:
+    def kinds(self) -> NDArray[np.int16]:
         """A number for the kind of each used variable: coordinates of one dimension share a kind, and so on."""
         blocks = self.used.blocks
         kinds = [(block.role, self.model.dimensions[block.first]) for block in blocks]
         numbers = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
-        return np.repeat([numbers[kind] for kind in kinds], [block.size for block in blocks]).astype(np.int64)
+        return np.repeat(np.array([numbers[kind] for kind in kinds], np.int16), [block.size for block in blocks])
 
     def sizes(self, scales: Scales) -> Floats:
         """Return the size in SI units of 1 in the march of everything that a force evaluation uses besides time."""

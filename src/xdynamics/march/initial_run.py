@@ -163,7 +163,7 @@ def _tolerances(law: Law, settings: Settings) -> Floats:
     return np.where(np.isnan(atols), 0.0, atols / layout.sizes(settings.scales) * widened(law, tolerances.rtol))
 
 
-def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
+def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64] | NDArray[np.int16]]:
     """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
     follow = np.zeros(layout.used.size, np.int64)  # of a million zeros the system gives no memory

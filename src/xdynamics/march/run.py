@@ -136,6 +136,7 @@ Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
 Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
 LogRows = Annotated[NDArray[np.float64], ArrayKind("LogRows", "f8", 2, either_order=True)]
 Whole = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
+Short = Annotated[NDArray[np.int16], ArrayKind("Short", "i2")]
 Lists = Annotated[NDArray[np.int64], ArrayKind("Lists", "i8", 2)]
 Flags = Annotated[NDArray[np.int8], ArrayKind("Flags", "i1", 2)]
 Plans = Annotated[NDArray[Any], ArrayKind("Plans", PLAN)]
@@ -205,9 +206,8 @@ class Run:
     arguments: Passing[Floats]  # rates of events, then what tables are looked up at; see `Layout.tracked`
     resets: Passing[Floats]  # values to which events and controllers set the state
     targets: Given[Lists]  # event, or -1 - action of a controller, and place in the state of each
-    ticks: Given[
-        Whole
-    ]  # the actions of controllers at the start, at each node and at the end, as bits; none without any
+    # the actions of controllers at the start, at each node and at the end, as bits; none without any
+    ticks: Given[Whole]
     alarms: Given[Whole]  # the periodic events there, in the same way
     piece: Passing[Pieces]
     near: Passing[Floats]  # states and event functions at the ends of a piece
@@ -296,7 +296,7 @@ class Run:
     attitudes: Given[Lists]  # places in the state of the four parts of every unit quaternion
     atol: Own[Floats]
     followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
-    kinds: Given[Whole]  # kind of each variable; coordinates, velocities, states of one dimension share one
+    kinds: Given[Short]  # kind of each variable; coordinates, velocities, states of one dimension share one
     tops: Scratch[Floats]  # the largest of each kind, then of their slopes
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
     probe: Scratch[Floats]  # a state at which forces are evaluated only for scales

@@ -259,11 +259,19 @@ class March:
         if self.thinning:
             self.thinning.go_on_from(memory)
 
-    def let_go(self, numbers: NDArray[np.float64]) -> None:
-        """After a good end, give back memory that nothing reads any more; its numbers at the end are in the record."""
-        if not self.unfinished and self.outcome.good:
-            rest_on(self.run, numbers)
+    def let_go(self) -> None:
+        """After a good end, give back the memory of its trials, which nothing reads any more."""
+        if self._has_ended_well:
             give_back(self.run)
+
+    def rest_on(self, numbers: NDArray[np.float64]) -> None:
+        """After a good end, read its last numbers in its record instead of a copy."""
+        if self._has_ended_well:
+            rest_on(self.run, numbers)
+
+    @property
+    def _has_ended_well(self) -> bool:
+        return not self.unfinished and self.outcome.good
 
     def _filled(self, log: Log, patience: float) -> LogBlock:
         """Fill one log, with checks of clock and keyboard now and then."""

@@ -75,10 +75,10 @@ def time_scales(march: March) -> TimeScales | None:
     plan = run.plan.tolist()[0]
     chosen = _chosen(march)
     rates, together = np.zeros((1, len(chosen))), max(1, MOST_TOGETHER // n)
-    with put_aside(march):
+    with put_aside(march) as room:
         for first in range(0, len(chosen), together):
             part = slice(first, first + together)
-            engine().fastest_rates(run, states_of(witnesses, chosen[part]), rates[:, part])
+            engine().fastest_rates(run, states_of(witnesses, chosen[part], room), rates[:, part])
     if not 0.0 <= rates[0, 0] < np.inf:
         return None
     first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
@@ -129,9 +129,10 @@ def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:
     return derivatives
 
 
-def states_of(witnesses: Floats, chosen: list[int]) -> Floats:
-    """Return time and state of some rows."""
-    states = np.empty((len(witnesses) - 2, len(chosen)))
+def states_of(witnesses: Floats, chosen: list[int], room: Floats | None = None) -> Floats:
+    """Return time and state of some rows; of a single one in the room that `put_aside` made, if it is given."""
+    size = len(witnesses) - 2
+    states = np.empty((size, len(chosen))) if room is None or len(chosen) > 1 else room[:size, None]
     for k, row in enumerate(chosen):
         states[0, k], states[1:, k] = witnesses[1, row], witnesses[3:, row]
     return states
@@ -166,16 +167,17 @@ def slowest_period(matrix: Floats, resolved: float = SLOW) -> float:
 
 
 @contextmanager
-def put_aside(march: March) -> Iterator[None]:
-    """Restore a march's current numbers afterwards."""
+def put_aside(march: March) -> Iterator[Floats]:
+    """Restore a march's current numbers afterwards; yield room for a time and the state after it, which the run reads."""
     run = march.run
     plain = not (len(run.detectors) or len(run.touches))
     kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*_CHANGING, "p"))}
     y = run.y
-    run.put(y=np.zeros(y.size))  # of which what is not written takes no memory
+    room = np.zeros(1 + y.size)  # of which what is not written takes no memory
+    run.put(y=room[1:])
     march.now.regime = run.plan[0].regime
     try:
-        yield
+        yield room
     finally:
         run.put(y=y)
         for name, array in kept.items():

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from xdynamics.model.elements import Elements
-from xdynamics.model.elementwise import Elementwise
+from xdynamics.model.elementwise import Elementwise, numbers_of
 from xdynamics.model.given_values import Values
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
@@ -65,9 +65,12 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
         if values.tree is None and _is_as_read(elements.parameters, name):
             arrays[name] = values
             continue
+        if values.dims and (made := numbers_of(elements.parameters, name)) is not None:
+            evaluated = tuple(made.values.ravel().tolist())  # of an expression, which has no uncertainty beside it
+            arrays[name] = replace(values, tree=None, numbers=evaluated, unit=made.unit)
+            continue
         parts = [elements.parameters[element] for element in shapes.elements(name)]
-        numbers = tuple(part.quantity for part in parts)
-        arrays[name] = _filled(values, numbers, tuple(part.spread for part in parts))
+        arrays[name] = _filled(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
     start = Elements(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
     for name, values in declared.starting.items():
         if _is_as_read(elements.initial, name) and not (start and values.tree):

@@ -142,17 +142,16 @@ class Elements:
             name: always(part) for name, part in self.statement.parameters.items()
         }
         for name, values in self.statement.arrays.items():
-            makers[name] = ParameterNumbers(self._numbers(values), values.spread, values.description)
+            makers[name] = ParameterNumbers(*self._numbers(values, self.shapes.shape(values.dims)), values)
         return self._each(makers)
 
-    def _numbers(self, values: Values) -> Numbers:
-        """Return the numbers of a parameter with dimensions; those of an expression in SI units."""
+    def _numbers(self, values: Values, shape: tuple[int, ...]) -> tuple[Any, tuple[int, ...], Unit]:
+        """Return the numbers of a parameter with dimensions, with their shape; those of an expression in SI units."""
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
-            return Numbers(np.reshape(values.numbers, self.shapes.shape(values.dims)), values.unit)
+            return values.numbers, shape, values.unit
         constants = _constants(self.statement.unit_constants)
-        numbers = evaluate_elements(values.tree, values.dims, constants, self.shapes)
-        return Numbers(np.reshape(numbers, self.shapes.shape(values.dims)), unit_of(values))
+        return evaluate_elements(values.tree, values.dims, constants, self.shapes).ravel(), shape, unit_of(values)
 
     def _mass(self) -> Sequence[tuple[Node, ...]]:
         old, names = self.statement, [*self.statement.coordinates]
@@ -324,7 +323,9 @@ class Elements:
             return Numbers(np.reshape(values.numbers, shape), values.unit)
         unit = self._units()[name]
         numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters))
-        return Numbers(numbers / float(unit.factor), unit)
+        numbers = numbers / float(unit.factor)
+        # of one number for a million elements there is one
+        return Numbers(numbers if dims_of(values.tree, self.shapes) else np.broadcast_to(numbers.flat[0], shape), unit)
 
     def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return the values that an expression may read, in SI units: parameters and constants."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping
+from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
 from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.model.given_values import Values
 from xdynamics.model.parts import Parameter
-from xdynamics.model.uncertainty import Spread
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block, Blocks
@@ -43,11 +43,13 @@ class Numbers:
         """Return the quantity of an element."""
         return Quantity(float(self.numbers[tuple(place.values())]), self.unit)
 
-    @cached_property
+    @property
     def si(self) -> NDArray[np.float64]:
         """All numbers in SI units, in a row."""
-        if self.unit.factor == 1:
-            return self.numbers.ravel()
+        return self.numbers.ravel() if self.unit.factor == 1 else self._converted
+
+    @cached_property
+    def _converted(self) -> NDArray[np.float64]:
         return np.array([self.unit.to_si(number) for number in self.numbers.ravel().tolist()])
 
 
@@ -56,26 +58,45 @@ class ParameterNumbers:
 
     Parameters
     ----------
-    numbers : Numbers
-    spread : callable
-        Returns what is known of the distribution of an element by its number, the last dimension fastest.
-    description : str
+    numbers : sequence of float
+        The last dimension fastest, in the unit; each may be the nearest float of a decimal number with more digits.
+    shape : tuple of int
+        How many elements there are along each dimension.
+    unit : Unit
+    given : Values
+        What the model says of them.
     """
 
-    def __init__(self, numbers: Numbers, spread: Callable[[int], Spread | None], description: str) -> None:
-        self.numbers, self.spread, self.description = numbers, spread, description
+    def __init__(
+        self,
+        numbers: Sequence[float] | NDArray[np.float64],
+        shape: tuple[int, ...],
+        unit: Unit,
+        given: Values,
+    ) -> None:
+        self.numbers, self.shape, self.unit, self.given = numbers, shape, unit, given
 
     def __call__(self, place: Mapping[str, int]) -> Parameter:
         """Return the parameter of an element."""
         number = 0
-        for own, size in zip(place.values(), self.numbers.numbers.shape, strict=True):
+        for own, size in zip(place.values(), self.shape, strict=True):
             number = number * size + own
-        return Parameter(self.numbers(place), self.spread(number), self.description)
+        return Parameter(self._quantity(self.numbers[number]), self.given.spread(number), self.given.description)
+
+    def _quantity(self, value: float) -> Quantity:
+        return Quantity(float(value) if isinstance(value, np.float64) else value, self.unit)
 
     @property
+    def values(self) -> NDArray[np.float64]:
+        """All numbers in the unit."""
+        return np.array(self.numbers, float).reshape(self.shape)
+
+    @cached_property
     def si(self) -> NDArray[np.float64]:
         """All numbers in SI units, in a row."""
-        return self.numbers.si
+        if self.unit.factor == 1:
+            return np.array(self.numbers, float)
+        return np.array([self._quantity(value).si for value in self.numbers])
 
 
 def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.float64]) -> None:
@@ -89,6 +110,14 @@ def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.flo
             part = [values[name].si for name in block.elements()]
         numbers[first : first + block.size] = part
         first += block.size
+
+
+def numbers_of(parameters: Mapping[str, Any], name: str) -> ParameterNumbers | None:
+    """Return the numbers of a parameter with dimensions; None of others, and where an element was replaced."""
+    if not isinstance(parameters, Elementwise) or name in parameters.changed:
+        return None
+    made = parameters.makers.get(name)
+    return made if isinstance(made, ParameterNumbers) and made.shape else None
 
 
 def in_si(values: Mapping[str, Any], blocks: Blocks) -> NDArray[np.float64]:

@@ -28,7 +28,8 @@ from xdynamics.record.element_attributes import attributes_of_whole, of_whole, o
 from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.first_order_columns import of_first_order
-from xdynamics.record.folded_columns import dimensions, folded, folded_constants, parted
+from xdynamics.record.folded_columns import dimensions, folded, parted
+from xdynamics.record.parameter_columns import parameters
 from xdynamics.record.rest_column import rest_column
 from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import CLOSED_LINKS, SAMPLES, STEPS, Variable
@@ -125,7 +126,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     entries: list[tuple[Variable, Any]] = []
     if isinstance(march.settings.step, tuple):
         entries.append((schema.in_time(schema.GIVEN_STEP, march.model.time_unit), np.array(march.settings.step)))
-    entries += _parameters(march.model)
+    entries += parameters(march.model)
     entries += dimensions(march.model)
     entries += passed(march)
     names, numbers = numbers_at_end(march.run)
@@ -140,23 +141,6 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
     return entries + [(variable, texts[variable.name]) for variable in schema.TEXTS]
-
-
-def _parameters(model: Model) -> list[tuple[Variable, Any]]:
-    """Return the parameters with their values."""
-    entries: list[tuple[Variable, Any]] = []
-    for name, parameter in model.parameters.items():
-        extra: dict[str, Any] = {}
-        if parameter.spread is not None:
-            extra["uncertainty"] = parameter.uncertainty
-        long_name = parameter.description or f"parameter {name}"
-        entries.append(
-            (
-                Variable(name, (), "f8", parameter.quantity.unit.text, long_name, "parameter", extra),
-                parameter.quantity.value,
-            )
-        )
-    return folded_constants(entries, model.shapes)
 
 
 def factors(model: Model, scales: Scales) -> dict[str, float]:

@@ -46,8 +46,9 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
     gathered = _gathered(march, spec, blocks, before)
     tolerances = followed_tolerances(march)
     filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
+    march.let_go()
     known = [(variable, np.asarray(value)) for variable, value in constants(march)]
-    march.let_go(next(value for variable, value in known if variable.name == END_MEMORY.name))
+    march.rest_on(next(value for variable, value in known if variable.name == END_MEMORY.name))
     filled += known
     return _assembled(filled, provenance.attributes(march))
 

@@ -1,0 +1,55 @@
+"""Parameters with dimensions in a record, and in a model's text, made whole: as they are made of their elements."""
+
+from __future__ import annotations
+
+import pytest
+
+import xdynamics as xd
+from xdynamics.model import element_values
+from xdynamics.record import parameter_columns
+from xdynamics.units.rounded import Rounded
+
+MODEL = """
+name = "three bodies"
+[dimensions]
+b = ["first_one", "other", "last"]
+axis = ["x", "y"]
+[coordinates]
+r = { unit = "m", dims = ["b", "axis"] }
+[parameters]
+m = { dims = ["b"], values = { first_one = "1 g", other = "0.10000000000000000123456 g", last = "3 g" }, description = "masses" }
+w = { dims = ["b", "axis"], value = "(1 + 0.1*index(b) + index(axis))*gram" }
+u = { dims = ["b"], value = [1, 2, 3], unit = "km", uncertainty = "1 m" }
+k = "0.1 N m-1"
+[mass]
+r = "m + w"
+[forces.spring]
+r = "-k*r"
+[initial]
+r = "metre*(1 + index(b))"
+v_r = "0*metre/second"
+"""
+
+
+def test_parameters_whole_are_those_of_their_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that variables, values to the bit and text of a model are the same without the short way."""
+    found = []
+    for _ in range(2):
+        model = xd.Model.from_text(MODEL)
+        entries = parameter_columns.parameters(model)
+        values = [(variable, variable.attributes, getattr(value, "tolist", float)()) for variable, value in entries]
+        found.append((values, model.to_toml()))
+        monkeypatch.setattr(parameter_columns, "numbers_of", lambda *_: None)
+        monkeypatch.setattr(element_values, "numbers_of", lambda *_: None)
+    assert found[0] == found[1]
+    assert [variable.dims for variable, *_ in found[0][0]] == [(), ("b",), ("b", "axis"), ("b",)]
+
+
+def test_elements_keep_the_digits_beyond_a_float() -> None:
+    """Assert that a parameter by label is as exact as one by itself."""
+    model = xd.Model.from_text(MODEL)
+    single = xd.Model.from_text(MODEL.replace('k = "0.1 N', 'k = "0.10000000000000000123456 N'))
+    by_label, alone = model.parameters["m·other"].quantity.value, single.parameters["k"].quantity.value
+    assert isinstance(by_label, Rounded)
+    assert isinstance(alone, Rounded)
+    assert by_label.exact == alone.exact
