@@ -46,6 +46,15 @@ def test_members_are_the_runs_that_are_marched_alone() -> None:
     assert (swept.x.sel(precision=BOTH[0]) != swept.x.sel(precision=BOTH[1])).any()
 
 
+def test_values_keep_the_digits_that_were_written(tmp_path: Path) -> None:
+    """Assert that a value of 25 digits is that of the run marched alone with it, in its rests, and not the nearest float's."""
+    k = "0.1000000000000000055511151 N m-1"  # 6e-17 from a tenth, which is the same float
+    swept = xd.sweep(SWING, {"k": [k, "0.7 N m-1"]}, precision=BOTH[1], step="0.3 s", path=tmp_path / "grid", **UNTIL)
+    rest = float(xd.member(swept, k=0.1).rest_x[-1])
+    exact, near = (float(alone(BOTH[1], value, "0.3 s").rest_x[-1]) for value in (k, "0.1 N m-1"))
+    assert rest == exact != near
+
+
 @pytest.mark.dear
 def test_archives_of_members_have_their_rests(tmp_path: Path) -> None:
     """Assert that whole runs of a grid are those of `simulate`, to the digest, and that rows of all are put together."""

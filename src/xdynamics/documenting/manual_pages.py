@@ -81,8 +81,8 @@ rest on.
                a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or
                a model against the law of its contacts and its own [validation.x]
-  enclose      proven bounds of every motion, for all starts and parameters within their half_width
-               (`xdynamics help enclose`)
+  enclose      proven bounds of every motion, for all starts and parameters within their half_width,
+               through tables over time, switches and resets (`xdynamics help enclose`)
   error_budget of one number, at a time or an event, or of the largest load of a run: truncation,
                rounding, interpolation, event location, and every input that has an uncertainty,
                with slope and share; by draws their distributions (JCGM 101), and whether the linear

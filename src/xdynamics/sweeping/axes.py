@@ -16,10 +16,11 @@ from xdynamics.record.element_attributes import of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.shapes.naming import DOT, spoken, written
-from xdynamics.sweeping.axis_values import Values, numbers_of
+from xdynamics.sweeping.axis_values import Values, written_numbers
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
 from xdynamics.units import NONE, Quantity, Unit, parse_unit
+from xdynamics.units.rounded import Rounded, decimal_text
 
 PARAMETER, INITIAL, START, STEP, RTOL, TABLE, SETTING = (
     "parameter",
@@ -74,6 +75,8 @@ class AxisColumn:
         CSV text of each value of a drive.
     elements : tuple of str
         Of a quantity with dimensions, all of which have the value.
+    digits : tuple of float
+        The values as they were written, where that is with more digits than floats have.
     """
 
     name: str
@@ -83,11 +86,17 @@ class AxisColumn:
     label: str
     tables: tuple[str, ...] = ()
     elements: tuple[str, ...] = ()
+    digits: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """What has the value in a model: one quantity, or all elements of one with dimensions."""
         return self.elements or (self.name,)
+
+    @property
+    def written(self) -> list[str]:
+        """What was written, where floats have fewer digits: part of a sweep's digest."""
+        return list(map(decimal_text, self.digits))
 
     @cached_property
     def si(self) -> Values:
@@ -97,7 +106,7 @@ class AxisColumn:
     def quantity(self, i: int) -> Any:
         """Return one value as a model or `simulate` takes it."""
         if self.kind in (*OF_MODEL, STEP) or self.name in TIMES:
-            return str(Quantity(float(self.values[i]), self.unit))
+            return str(Quantity(self.digits[i] if self.digits else float(self.values[i]), self.unit))
         return self.values[i].item() if isinstance(self.values[i], np.generic) else self.values[i]
 
 
@@ -202,13 +211,14 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
                 replace(
                     column_of(model, name, [f"{value!r} {unit.text}"]),
                     values=value + declared[name].uncertainty * offsets[:, i],
+                    digits=(),
                 )
             )
         return tuple(columns)
     for i, name in enumerate(names):
         column = range_of(model, name, draws.ends[name])
         low, high = column.values.tolist()
-        columns.append(replace(column, values=low + (high - low) * points[:, i]))
+        columns.append(replace(column, values=low + (high - low) * points[:, i], digits=()))
     return tuple(columns)
 
 
@@ -273,10 +283,11 @@ def _whole(model: Model, name: str, values: Any) -> AxisColumn | None:
 
 def _quantities(name: str, kind: str, entries: Any, declared: Unit, label: str) -> AxisColumn:
     """Read numbers with a unit; those without one have the declared unit."""
-    values, unit = numbers_of(entries, declared)
+    values, unit = written_numbers(entries, declared)
     if DOT in name and unit != declared:  # the elements of a quantity have one unit
-        values, unit = np.array([Quantity(value, unit).into(declared).value for value in values.tolist()]), declared
-    return AxisColumn(name, kind, values, unit, label)
+        values, unit = [Quantity(value, unit).into(declared).value for value in list(values)], declared
+    digits = tuple(values) if any(isinstance(value, Rounded) for value in values) else ()
+    return AxisColumn(name, kind, np.array(values, float), unit, label, digits=digits)
 
 
 def _positive(column: AxisColumn) -> AxisColumn:

@@ -23,6 +23,18 @@ def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
     InputError
         If there are no values, or one is not a finite number with a unit of the declared dimension.
     """
+    values, unit = written_numbers(entries, declared)
+    return np.array(values, float), unit
+
+
+def written_numbers(entries: Any, declared: Unit) -> tuple[Values | list[float], Unit]:
+    """Read the same; numbers in a list keep the digits that they were written with, where these are more than a float has.
+
+    Raises
+    ------
+    InputError
+        If there are no values, or one is not a finite number with a unit of the declared dimension.
+    """
     if is_range(entries):
         values, stated_unit = _range(entries)
         unit = declared if stated_unit == parse_unit("1") else stated_unit
@@ -48,7 +60,7 @@ def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
     for quantity in quantities:
         _check_unit(quantity.value, quantity.unit, declared)
     unit = quantities[0].unit
-    return np.array([quantity.into(unit).value for quantity in quantities]), unit
+    return [quantity.into(unit).value for quantity in quantities], unit
 
 
 def _plain(values: Values, unit: Unit, declared: Unit) -> Values:

@@ -22,6 +22,7 @@ from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
 from xdynamics.units import parse_unit, unit_suffix
+from xdynamics.units.rounded import read
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +37,7 @@ AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
 SHARED = "method", "step", "rtol", "until"  # settings that are reported
 NUMBER = "occurrence_number"
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of axis values: kind, name, axis
+DIGITS = "varies_by"  # the values as they were written, where that is with more digits than floats have
 _SAID = {
     "parameter": "parameter {0}",
     "initial": "initial value of {0}",
@@ -114,6 +116,8 @@ def _coordinates(grid: SweepGrid) -> dict[str, Any]:
                 WHAT: spoken(column.name),
                 AXIS: axis.dim,
             }
+            if column.digits:
+                attributes[DIGITS] = " ".join(column.written)
             if axis.design is not None:
                 attributes |= {"design": axis.design.design, "seed": axis.design.seed}
             is_numeric = np.issubdtype(column.values.dtype, np.number)
@@ -262,7 +266,9 @@ def _axis(model: Model, sweep: xr.Dataset, dim: str) -> Axis:
         converted = values if np.issubdtype(values.dtype, np.number) else values.astype(object)
         what, unit = written(str(variable.attrs[WHAT])), parse_unit(variable.attrs["units"])
         elements = tuple(model.shapes.elements(what)) if what in model.shapes.dims else ()
-        columns.append(AxisColumn(what, kind, converted, unit, str(name), tables, elements))
+        exact = {number: number for number in map(read, str(variable.attrs.get(DIGITS, "")).split())}
+        digits = tuple(exact.get(value, value) for value in values.tolist()) if exact else ()
+        columns.append(AxisColumn(what, kind, converted, unit, str(name), tables, elements, digits))
     if not columns:
         raise InputError(f"the sweep has no values of its axis '{dim}'; take them along")
     return Axis(dim, tuple(columns))

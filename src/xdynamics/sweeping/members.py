@@ -79,7 +79,7 @@ class Plan:
             [
                 axis.dim,
                 [
-                    [entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables]
+                    [entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables, *entry.written]
                     for entry in axis.columns
                 ],
             ]
