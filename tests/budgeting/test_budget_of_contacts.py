@@ -53,3 +53,9 @@ def test_an_impact_of_many_links_is_no_event_of_a_budget(verb: object) -> None:
     """Assert one sentence with the remedy."""
     with pytest.raises(InputError, match=r"'floor', a contact of many links.*at='1 s'"):
         verb(BALLS, "y[0]", event="floor")  # type: ignore[operator]
+
+
+def test_contacts_of_many_links_have_no_31_digits() -> None:
+    """Assert that a run with sums of two floats is refused, as with contacts that are written out, and so is no twin."""
+    with pytest.raises(InputError, match="contacts and frictions, whose impacts and forces are solved in float64"):
+        xd.simulate(BALLS, precision="double_double")

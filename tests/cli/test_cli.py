@@ -388,3 +388,28 @@ def test_second_process_compiles_nothing(tmp_path: Path) -> None:
     second = subprocess.run([sys.executable, "-c", script, *command], capture_output=True, text=True, check=True)
     assert second.stdout.split() == ["0", "True"]
     assert (tmp_path / "ball.nc").exists()
+
+
+def test_options_take_elements(tmp_path: Path) -> None:
+    """Assert that lists of names, parted by commas, have elements whose labels are parted by commas, too."""
+    path = tmp_path / "run.nc"
+    asked = ("--until", "0.1 s", "--log", "r[0, x],v_r[1, y]", "--set", "r[0, x]=0.96")
+    done = call("run", MODELS / "figure_eight.toml", "-o", path, *asked)
+    assert done.exit_code == 0, done.output
+    with xd.open_run(path) as run:
+        assert run.attrs["solver_log_variables"] == "r[0,x] v_r[1,y]"
+        assert run.r.values[0, 0, 0] == 0.96
+    wrong = call("run", MODELS / "figure_eight.toml", "-o", path, "--set", "r[3, x]=0.96")
+    assert "--set r[3, x]: no such parameter or initial value" in wrong.output
+    drawn = call("plot", path, "--only", "r[0, x], v_r[1, y]", "-o", tmp_path / "run.png")
+    assert drawn.exit_code == 0, drawn.output
+
+
+def test_refinements_of_quantities_with_dimensions_are_told(tmp_path: Path) -> None:
+    """Assert a line for each of the first six elements, by its name as it is written, and how many more there are."""
+    how = ("--method", "rk4", "--step", "20 ms", "--levels", "3", "--at", "0.1 s")
+    done = call("refine", MODELS / "figure_eight.toml", *how, "-o", tmp_path / "study.nc")
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^r\[2, y\] at t = 0.1 s = .*, asymptotic$", done.output, re.MULTILINE)
+    long = call("refine", MODELS / "granular_box.toml", *how[:2], "--step", "5 ms", *how[4:])
+    assert "v_r: 14 further elements are in the record" in long.output

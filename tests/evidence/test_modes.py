@@ -240,3 +240,18 @@ def test_no_modes_beyond_a_table(x: float, fits: bool) -> None:
         return
     with pytest.raises(xd.InputError, match=f"drive 'f' has no value at x = {x!r}, its table reaches from -1 to 2"):
         xd.modes(model)
+
+
+def test_an_element_of_the_state_is_replaced() -> None:
+    """Assert the frequencies sqrt(3k/m)*abs(u) of two masses on cubic springs, one of them moved by its element's name."""
+    model = xd.Model(
+        name="cubic springs",
+        dimensions={"site": 2},
+        coordinates={"u": {"unit": "m", "dims": ["site"]}},
+        parameters={"k": "3 N m-3", "m": "1 kg"},
+        mass={"u": "m"},
+        forces={"spring": {"u": "-k*u**3"}},
+        initial={"u": {"unit": "m", "value": [1, 1]}},
+    )
+    found = xd.modes(model, at={"u[1]": "2 m"})
+    assert sorted(found.frequency.values.tolist()) == pytest.approx([3.0, 6.0], rel=1e-13)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 import xdynamics as xd
@@ -106,3 +107,32 @@ def test_two_balls_of_a_model_in_centimetres(gap: str, radii: list[float], floor
     assert len(level) <= 1
     assert all(line == pytest.approx(np.full(len(line), floor), abs=1e-9) for line in level)
     assert len(scene.boundaries) == 2
+
+
+def test_pictures_have_discs_as_large_as_they_are() -> None:
+    """Assert rings where three discs start and discs where they end, of their radii, no dots, and limits that hold both."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "balls_in_box.toml"), until="0.1 s")
+    axes = xd.plot(run, only="plane").axes[0]
+    rings, discs = (part for part in axes.collections if isinstance(part, EllipseCollection))
+    for part, row in ((rings, 0), (discs, -1)):
+        assert part.get_widths() == pytest.approx([0.2, 0.3, 0.2], rel=1e-12)
+        assert part.get_offsets() == pytest.approx(run.r.values[row], abs=1e-12)
+    assert axes.get_title(loc="left").startswith("the plane (rings: start, discs: end)")
+    assert not any(line.get_marker() == "o" for line in axes.lines)
+    low, high = axes.get_ylim()
+    heights = run.r.sel(axis="y").values[[0, -1]]
+    assert low <= (heights - run.radius.values).min()
+    assert high >= (heights + run.radius.values).max()
+
+
+def test_discs_that_fall_straight_are_seen_in_the_plane() -> None:
+    """Assert that the picture of a box of discs, none of which moves across yet, shows the plane, and says what it leaves out."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), until="20 ms")
+    figure = xd.plot(run)
+    assert figure.axes[0].get_title(loc="left").startswith("the plane")
+    assert 'with panels = "all" also' not in figure.get_supxlabel()
+    staged = xd.simulate(xd.Model.from_toml(MODELS / "staged_rocket.toml"), until="1 s")
+    drawn, every = xd.plot(staged), xd.plot(staged, panels="all")
+    shown, all_of_them = (len([axes for axes in part.axes if axes.get_visible()]) for part in (drawn, every))
+    assert f'{shown} of {all_of_them} panels; with panels = "all" also' in drawn.get_supxlabel()
+    assert "panels" not in every.get_supxlabel()

@@ -73,7 +73,6 @@ def test_discs_are_moved_by_what_is_recorded() -> None:
 DIGEST = """
 import sys
 import xdynamics as xd
-from cases.problems import MODELS
 print(xd.content_digest(xd.simulate(xd.Model.from_text(sys.stdin.read()), until="0.13 s", step="5 ms")))
 """
 
@@ -96,9 +95,8 @@ def test_compiled_heaps_have_the_bits_of_plain_python() -> None:
     assert digests[0] == digests[1]
 
 
-@pytest.mark.dear
-def test_a_heap_that_nearly_rests() -> None:
-    """Assert that forces of 38 links go on within their cones, where shares that jumped from one to another took minutes."""
+def nearly_at_rest(rest_height: str = "") -> xd.Model:
+    """The heap of 38 links, in which one disc still rolls on others."""
     path = Path(__file__).parent.parent / "cases" / "rough_heap.csv"
     names = [name.split()[0] for name in path.read_text().splitlines()[0].split(",")]
     columns = dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
@@ -107,7 +105,14 @@ def test_a_heap_that_nearly_rests() -> None:
         f'{name} = {{ value = {values.tolist()}, unit = "{units[name]}" }}\n' for name, values in columns.items()
     )
     text = HEAP[: HEAP.index("[initial]")] + "[initial]\n" + start + HEAP[HEAP.index("[run]") :]
-    run = xd.simulate(xd.Model.from_text(text), until="60 ms", log="full", force_samples="none")
+    low = f'restitution = 0\nrest_height = "{rest_height}"\n' if rest_height else "restitution = 0\n"
+    return xd.Model.from_text(text.replace("restitution = 0\n", low))
+
+
+@pytest.mark.dear
+def test_a_heap_that_nearly_rests() -> None:
+    """Assert that forces of 38 links go on within their cones, where shares that jumped from one to another took minutes."""
+    run = xd.simulate(nearly_at_rest(), until="60 ms", log="full", force_samples="none")
     assert run.attrs["run_outcome"] == "completed"
     assert run.sizes["step"] < 100  # 30 steps of 2 ms, and a few events
     last = run.closed_step.values == run.sizes["step"] - 1
@@ -115,3 +120,22 @@ def test_a_heap_that_nearly_rests() -> None:
     assert last.sum() > 30
     assert pressing.min() >= 0.0
     assert (np.abs(rubbing) - 0.4 * pressing).max() < 1e-10 * pressing.max()
+
+
+@pytest.mark.dear  # 24,000 events in 75 s, and 680 steps after them in 2 s
+def test_a_heap_comes_to_rest() -> None:
+    """Assert that motions lower than bounces of 10 nm end: no velocity, no event from 0.7 to 2 s, each disc in balance."""
+    run = xd.simulate(nearly_at_rest("10 nm"), until="2 s", log="full", force_samples="none")
+    rests = run.time.values > 0.7
+    assert run.attrs["run_outcome"] == "completed"
+    assert run.event_time.values.max() < 0.7
+    for name in ("v_x", "v_y", "v_theta"):
+        assert np.abs(run[name].values[rests]).max() < 1e-18
+    of_steps = rests[run.closed_step.values]
+    force, rubs = run.closed_force.values[of_steps], np.abs(run.closed_friction_force.values[of_steps])
+    assert force.min() >= 0.0
+    assert (rubs - 0.4 * force).max() < 1e-9 * force.max()
+    weight = 25 * np.pi * run.radius.values**2 * 9.80665  # accelerations are what forces of all links leave of them
+    for name, mass in (("a_x", weight / 9.80665), ("a_y", weight / 9.80665)):
+        assert (np.abs(run[name].values[rests]) * mass).max() < 1e-9 * weight.min()
+    assert np.abs(run.a_theta.values[rests] * run.radius.values / 2.0).max() < 1e-9 * 9.80665

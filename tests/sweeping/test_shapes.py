@@ -147,3 +147,16 @@ def test_what_is_refused(escapes: xd.Model, axes: dict[str, object], keep: str, 
     with pytest.raises(xd.InputError, match=said) as caught:
         xd.sweep(escapes, axes, keep=[keep])
     assert DOT not in str(caught.value)
+
+
+@pytest.mark.parametrize(("names", "drawn"), [(["m[b]"], ["m[b]"]), (["m"], ["m[a]", "m[b]"])])
+def test_draws_of_declared_elements(names: list[str], drawn: list[str]) -> None:
+    """Assert that elements are drawn by their names as people write them, and all of a quantity by its own."""
+    text = ESCAPE.replace('unit = "kg" }', 'unit = "kg", uncertainty = [0.01, 0.02] }')
+    found = xd.sweep(xd.Model.from_text(text), {"draw": xd.Draws(64, names, design="declared")})
+    assert [str(name) for name in found.coords if str(name).startswith("m[")] == drawn
+    assert float(found["m[b]"].std()) == pytest.approx(0.02, rel=0.3)
+    with pytest.raises(
+        xd.InputError, match=r"'m\[c\]' has no uncertainty in the model; there are m; 'm' has the elements"
+    ):
+        xd.sweep(xd.Model.from_text(text), {"draw": xd.Draws(4, ["m[c]"], design="declared")})

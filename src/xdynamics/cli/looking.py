@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xdynamics.cli.command import hand_over, json_option, main, say
+from xdynamics.cli.settings import names_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -87,7 +88,7 @@ def plot(
     """Draw a run: its motion, energy, contacts and drives, with the events; of a sweep's folder maps of its members."""
     from xdynamics.figures import plot as draw
 
-    names = None if only is None else [name.strip() for name in only.split(",")]
+    names = None if only is None else names_in(only)
     output = output or _beside(archive, ".png")
     given = _opened(archive)
     how: dict[str, Any] = {"only": names, "panels": panels, "beside": list(beside), "transient": transient}

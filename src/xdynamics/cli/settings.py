@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -125,8 +126,19 @@ def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
     return named
 
 
+def names_in(text: str) -> list[str]:
+    """Return names between commas, those of elements whole.
+
+    Examples
+    --------
+    >>> names_in("r[Jupiter, x], energy")
+    ['r[Jupiter, x]', 'energy']
+    """
+    return [name.strip() for name in re.split(r",(?![^\[]*\])", text)]
+
+
 def _columns(text: str, _: str) -> str | list[str]:
-    return text if text in ("full", "states") else [column.strip() for column in text.split(",")]
+    return text if text in ("full", "states") else names_in(text)
 
 
 _READERS: dict[str, Callable[[Any, str], Any]] = {

@@ -13,7 +13,7 @@ import click
 from xdynamics.cli.clustering import clustered
 from xdynamics.cli.command import BADLY, DONE, complain, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
-from xdynamics.cli.settings import asked, pairs, settings
+from xdynamics.cli.settings import asked, names_in, pairs, settings
 from xdynamics.faults import InputError
 
 
@@ -104,7 +104,7 @@ def sweep(
     _check_varied(grid, ranges, changes)
     if ranges or draws is not None:
         grid["draw"] = _drawn(ranges, draws, design, seed)
-    words = [word.strip() for text in kept for word in text.split(",") if word.strip()] or ["end"]
+    words = [word for text in kept for word in names_in(text) if word] or ["end"]
     with cluster_of(scheduler, workers), _told() as report:
         try:
             result = swept(
@@ -139,7 +139,7 @@ def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
     """Combine axes that vary together into one."""
     grouped: dict[str, Any] = dict(axes)
     for name, members in groups.items():
-        names = [axis.strip() for axis in members.split(",")]
+        names = names_in(members)
         missing = [axis for axis in names if axis not in grouped]
         if missing:
             raise InputError(f"--together {name} names {missing[0]!r}, of which there is no --axis")

@@ -14,7 +14,7 @@ from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
 from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.plane import MOST_BODIES
+from xdynamics.figures.plane import MOST_BODIES, colours_of
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.shapes.trees import at
@@ -196,6 +196,26 @@ def radii_of(run: xr.Dataset, view: list[BodyPath]) -> Floats:
     first = sums[0, 1] / 2.0 if count == 2 else (sums[0, 1] + sums[0, 2] - sums[1, 2]) / 2.0
     radii = np.array([first, *(sums[0, body] - first for body in range(1, count))])
     return radii if (radii > 0.0).all() else none
+
+
+def draw_discs(view: list[BodyPath], radii: Floats, axes: Axes) -> bool:
+    """Draw bodies that have radii as large as they are, rings at the start and discs at the end; return whether they have."""
+    from matplotlib.collections import EllipseCollection
+
+    shown, size = view[:MOST_BODIES], 2.0 * radii[:MOST_BODIES]
+    if not radii.size:
+        return False
+    for row, style in (
+        (0, {"facecolors": "none", "edgecolors": colours_of(view)[: len(shown)], "alpha": 0.5}),
+        (-1, {"facecolors": colours_of(view)[: len(shown)], "edgecolors": "none", "alpha": 0.35}),
+    ):
+        places = np.array([[path.x[row], path.y[row]] for path in shown])
+        given: dict[str, Any] = {"offsets": places, "offset_transform": axes.transData, "linewidths": 0.8, **style}
+        axes.add_collection(EllipseCollection(size, size, np.zeros(len(shown)), units="xy", **given), autolim=False)
+        for beyond in (-size, size):  # what limits do not know of a collection in units of its own
+            axes.update_datalim(places + beyond[:, None] / 2.0)
+    axes.autoscale_view()
+    return True
 
 
 def _gaps_between(

@@ -11,7 +11,7 @@ import xarray as xr
 from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, in_unit, timed, words
+from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
 
@@ -87,7 +87,8 @@ def _beside(comparison: xr.Dataset, name: str, axes: Axes) -> None:
         linewidth=0.9,
         label="computed, at the same times",
     )
-    axes.set(xlabel=timed(comparison[AT_TIME]), ylabel=words(f"{name} ({units})"))
+    label_time(axes, comparison[AT_TIME])
+    axes.set(ylabel=words(f"{name} ({units})"))
     axes.set_title(words(f"{name}, measured and computed"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
@@ -107,7 +108,8 @@ def _distance(comparison: xr.Dataset, names: list[str], axes: Axes) -> None:
             time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(in_unit(name, units))
         )
     axes.set_yscale("log")
-    axes.set(xlabel=timed(comparison[AT_TIME]), ylabel="|difference|")
+    label_time(axes, comparison[AT_TIME])
+    axes.set(ylabel="|difference|")
     left_out = f", {len(chosen)} of {len(names)}" if len(chosen) < len(names) else ""
     axes.set_title(f"distance of the runs{left_out}", loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
@@ -124,10 +126,8 @@ def _apart(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     style = "." if f"measured_{name}" in comparison else ".-" if len(time) <= FEW else "-"
     axes.plot(time[rows], values[rows], style, color=COLOURS[0], linewidth=1.0, markersize=4)
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    axes.set(
-        xlabel=timed(comparison[AT_TIME]),
-        ylabel=words(f"difference ({comparison[f'difference_{name}'].attrs['units']})"),
-    )
+    label_time(axes, comparison[AT_TIME])
+    axes.set(ylabel=words(f"difference ({comparison[f'difference_{name}'].attrs['units']})"))
     scale = comparison.get(schema.scale("difference", name))
     suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
     axes.set_title(words(f"{comparison[f'difference_{name}'].attrs['long_name']}{suffix}"), loc="left", fontsize=10)

@@ -13,7 +13,7 @@ from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import cycles_counted, cycles_said, diagnosed
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, in_unit, timed, words
+from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import CYCLE, FINITE_TIME_GROWTH, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 from xdynamics.units import unit_suffix
@@ -101,14 +101,16 @@ def _along_cycles(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
         else (variable.values, name)
     )
     axes.plot(diagnosis["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
-    axes.set(xlabel=timed(diagnosis["cycle_time"], "time at the end of the cycle"), ylabel=words(f"{name} ({units})"))
+    label_time(axes, diagnosis["cycle_time"], "time at the end of the cycle")
+    axes.set(ylabel=words(f"{name} ({units})"))
     axes.set_title(words(shown), loc="left", fontsize=10, pad=14)
 
 
 def _residual(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
     variable = diagnosis[name]
     axes.plot(diagnosis["time"].values, variable.values, color=COLOURS[1], linewidth=1.0)
-    axes.set(xlabel=timed(diagnosis["time"]), ylabel=words(f"{name} ({variable.attrs['units']})"))
+    label_time(axes, diagnosis["time"])
+    axes.set(ylabel=words(f"{name} ({variable.attrs['units']})"))
     scale = diagnosis.get(schema.scale(*name.split("_", 1)))
     suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
     axes.set_title(words(f"{variable.attrs['long_name']}{suffix}"), loc="left", fontsize=10)

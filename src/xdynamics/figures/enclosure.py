@@ -14,7 +14,7 @@ from xdynamics.evidence.enclosing.enclosure_dataset import bounded
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, in_unit, timed, typeset, words
+from xdynamics.figures.marks import COLOURS, in_unit, label_time, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVIDENCE, STEPS, bounds_of
 from xdynamics.units import unit_suffix
@@ -75,7 +75,8 @@ def _tube(tube: xr.Dataset, name: str, time: str, inside: list[xr.Dataset], axes
             label = words(f"run by {run.attrs['solver_method']}")
             axes.plot(at, shown, ".-", color=COLOURS[1 + k], linewidth=1.0, markersize=3, label=label)
             axes.legend(fontsize=8, loc="upper left", framealpha=0.6)
-    axes.set(xlabel=timed(tube[time]), ylabel=words(in_unit(f"{name} less the middle" if narrow else name, unit)))
+    label_time(axes, tube[time])
+    axes.set(ylabel=words(in_unit(f"{name} less the middle" if narrow else name, unit)))
     last = f"{high[-1] - low[-1]:.2g}{unit_suffix(typeset(unit))} wide at the end"
     axes.set_title(words(f"{name}, {last}"), loc="left", fontsize=10, pad=14)
 

@@ -10,7 +10,7 @@ import xarray as xr
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, energy_changes
 from xdynamics.figures.line_panels import DASHES, over_the_run, straight
-from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
+from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.schema import ENERGIES, STEPS
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import known_part, short_number
@@ -46,7 +46,7 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     """
     units, energy = run.variables["total_energy"].attrs["units"], run.variables["total_energy"].values
     others = [other for other in beside.others if "total_energy" in other.columns]
-    axes.set_xlabel(timed(run["time"]))
+    label_time(axes, run["time"])
     kept = is_at_rounding(run)
     if (is_exchanged(run) or kept) and not others:
         names = [name for name in ENERGIES if name in run]

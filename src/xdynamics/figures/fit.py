@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.figures.marks import COLOURS, timed, words
+from xdynamics.figures.marks import COLOURS, label_time, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT_TIME
 from xdynamics.units import unit_suffix
@@ -54,7 +54,8 @@ def _values(fit: xr.Dataset, name: str, axes: Axes) -> None:
         axes.plot(
             along[order], computed[order], color=COLOURS[0], linewidth=1.0, label=None if record else "fitted model"
         )
-    axes.set(xlabel=_across(fit, name), ylabel=words(f"{name} ({units})"))
+    _label_across(fit, name, axes)
+    axes.set(ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name), loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
@@ -69,7 +70,8 @@ def _residuals(fit: xr.Dataset, name: str, axes: Axes) -> None:
         else:
             axes.plot(along, residuals, ".", color=colour, markersize=3)
     axes.axhline(0.0, color=COLOURS[0], linewidth=1.0)
-    axes.set(xlabel=_across(fit, name), ylabel=words(f"measured minus fitted ({fit[name].attrs['units']})"))
+    _label_across(fit, name, axes)
+    axes.set(ylabel=words(f"measured minus fitted ({fit[name].attrs['units']})"))
     axes.set_title(words(f"residuals of {name}"), loc="left", fontsize=10)
 
 
@@ -86,8 +88,11 @@ def _along(fit: xr.Dataset, name: str) -> Any:
     return fit["at_occurrence"].values if name.startswith(OF_EVENTS) else fit[AT_TIME].values
 
 
-def _across(fit: xr.Dataset, name: str) -> str:
-    return "occurrence" if name.startswith(OF_EVENTS) else timed(fit[AT_TIME])
+def _label_across(fit: xr.Dataset, name: str, axes: Axes) -> None:
+    if name.startswith(OF_EVENTS):
+        axes.set_xlabel("occurrence")
+    else:
+        label_time(axes, fit[AT_TIME])
 
 
 PAGE = Page(("fit",), panels_of, foot_of, most_panels=8)

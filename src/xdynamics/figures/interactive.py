@@ -117,7 +117,7 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
             "exponentformat": "power",
             "showticklabels": len(axis.get_ticklocs()) > 0,
         }
-        if type(axis.get_major_locator()).__name__ == "FixedLocator":
+        if type(axis.get_major_locator()).__name__ in ("FixedLocator", "RoundTimes"):
             labels = [_plain(label.get_text()) for label in axis.get_ticklabels()]
             settings |= {"tickvals": axis.get_ticklocs().tolist(), "ticktext": labels}
         if axis.get_ticks_position() in ("right", "top"):

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
-from xdynamics.figures.marks import words
+from xdynamics.figures.marks import long_unit, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.units import unit_suffix
@@ -67,7 +67,7 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
     time = run.variables["time"].values
     rows = np.unique([int(np.abs(time - moment).argmin()) for moment in moments_of(time[0], time[-1])])
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
-    suffix = unit_suffix(str(run.variables["time"].attrs["units"]))
+    unit, size = long_unit(run["time"])
     for row, shade in zip(rows, shades, strict=True):
         values = [float(run[element][row]) for element in elements]
         axes.plot(
@@ -77,7 +77,7 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
             color=shade,
             markersize=3,
             linewidth=1,
-            label=f"{float(f'{time[row]:.4g}'):g}{suffix}",
+            label=f"{float(f'{time[row] / size:.4g}'):g}{unit_suffix(unit)}",
         )
     name_elements(axes, dim, shapes_of(run).extent(dim))
     axes.set(ylabel=words(f"{name} ({run.variables[elements[0]].attrs['units']})"))

@@ -15,7 +15,7 @@ from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, drawn, has_chords, is_long, moments, unjoined
 from xdynamics.figures.event_marks import mark_events
-from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
+from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
@@ -67,7 +67,8 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
         axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(label))
     overlaid = _overlay(run, names, beside, axes)
     label = SHORT_NAMES[what] if what in SHORT_NAMES and len(names) > 1 else _joined(names)
-    axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run.variables[names[0]].attrs['units']})"))
+    label_time(axes, run["time"])
+    axes.set(ylabel=words(f"{label} ({run.variables[names[0]].attrs['units']})"))
     axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
     shade_regimes(run, axes)
     marked = mark_events(run, names, axes)
@@ -123,7 +124,7 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
     axes.grid(visible=False)
-    axes.set(xlabel=timed(run["time"]))
+    label_time(axes, run["time"])
     axes.set_title(f"{what}{note}, a row for each of {len(names)}{straight(run, *names)}", loc="left", fontsize=10)
 
 
@@ -150,7 +151,8 @@ def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> Non
                 continue
             colour, text = key(name, k, label, names, beside, f"{name}({text_of(drives[name].argument)})")
             axes.plot(*found, ("-", *DASHES)[k % 4], color=colour, linewidth=1.1, label=words(text))
-    axes.set(xlabel=timed(run["time"]), ylabel=words(f"{_joined(names)} ({drives[names[0]].table.value_unit.text})"))
+    label_time(axes, run["time"])
+    axes.set(ylabel=words(f"{_joined(names)} ({drives[names[0]].table.value_unit.text})"))
     axes.set_title("measured drives along the run", loc="left", fontsize=10)
     over_the_run(run, axes)
     _legend(axes, names, beside)
@@ -196,7 +198,8 @@ def impact_needles(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes
             axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
             axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(text))
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    axes.set(xlabel=timed(run["time"]), ylabel=words(f"impulse ({run.variables[names[0]].attrs['units']})"))
+    label_time(axes, run["time"])
+    axes.set(ylabel=words(f"impulse ({run.variables[names[0]].attrs['units']})"))
     axes.set_title("impulses of impacts", loc="left", fontsize=10)
     over_the_run(run, axes)
     _legend(axes, names, needed=bool(beside.own))

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.figures.marks import COLOURS, in_unit, timed, words
+from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
 
@@ -59,7 +59,8 @@ def _members(logs: xr.Dataset, name: str, axes: Axes) -> None:
     for row in rows[chosen]:
         axes.plot(times, row, color=COLOURS[0], linewidth=0.5, alpha=0.35 if len(rows) >= FEWEST else 0.9)
     units = str(logs[name].attrs["units"])
-    axes.set(xlabel=timed(logs[AT_TIME]), ylabel=words(in_unit(name, units)))
+    label_time(axes, logs[AT_TIME])
+    axes.set(ylabel=words(in_unit(name, units)))
     axes.set_title(words(name), loc="left", fontsize=10)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.line_panels import over_the_run
-from xdynamics.figures.marks import COLOURS, timed, words
+from xdynamics.figures.marks import COLOURS, label_time, timed, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,8 @@ def steps(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
         axes.legend(fontsize=8, frameon=False)
     if len(rows):
         axes.set_yscale("log")
-    axes.set(xlabel=timed(run["time"]), ylabel=timed(run["step_size"], "step size"))
+    label_time(axes, run["time"])
+    axes.set(ylabel=timed(run["step_size"], "step size"))
     over_the_run(run, axes)
     axes.set_title("step used to reach each state", loc="left", fontsize=10)
 
@@ -59,7 +60,8 @@ def errors(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
     if len(rows):
         axes.set_yscale("log")
-    axes.set(xlabel=timed(run["time"]), ylabel="scaled local error (1)")
+    label_time(axes, run["time"])
+    axes.set(ylabel="scaled local error (1)")
     over_the_run(run, axes)
     axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
 
@@ -89,7 +91,8 @@ def locations(run: xr.Dataset, axes: Axes) -> None:
         shown = (values > 0) & np.isfinite(values)
         axes.plot(time[shown], values[shown], marker, color=colour, markersize=5, label=words(PARTS[name]))
     axes.set_yscale("log")
-    axes.set(xlabel=timed(run["time"]), ylabel=timed(run["time"], "located within"))
+    label_time(axes, run["time"])
+    axes.set(ylabel=timed(run["time"], "located within"))
     over_the_run(run, axes)
     axes.set_title("events: bracket, and uncertainty of the time", loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

@@ -22,6 +22,10 @@ SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
 COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#7a7a7a")
 
 
+# units of time in which figures write many seconds, the longest first: Julian years, days
+LONG_UNITS = (("years", 31_557_600.0), ("days", 86_400.0))
+FEWEST_WHOLE = 5.0  # of a unit that a run lasts for figures to write it
+
 _POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SYMBOLS = {"astronomical_unit": "au"}
 _UNIT = re.compile(r"(?<![A-Za-z])([A-Za-z_]+)(-?[1-9][0-9]?)?(?= |$)")
@@ -46,8 +50,55 @@ def typeset(units: str) -> str:
 
 
 def timed(time: xr.DataArray, what: str = "time") -> str:
-    """Label a time axis with its unit; without one if the model's time is dimensionless."""
+    """Label times with their unit; without one if the model's time is dimensionless."""
     return in_unit(what, str(time.attrs.get("units", SECONDS.text)))
+
+
+def label_time(axes: Axes, time: xr.DataArray, what: str = "time") -> None:
+    """Label the time axis of a panel: in the unit recorded, or in days or years where seconds would be a great many.
+
+    What is drawn stays in the unit recorded; ticks stand at whole days or years, and the label says how long these are.
+    """
+    from matplotlib.ticker import FuncFormatter
+
+    name, size = long_unit(time)
+    if size == 1.0:
+        axes.set_xlabel(timed(time, what))
+        return
+    axes.xaxis.set_major_locator(_locator_of(size))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
+    axes.set_xlabel(f"{what} ({name} of {size:,.0f} s)".replace(",", "\u2009"))
+
+
+def _locator_of(size: float) -> Any:
+    """Return what chooses ticks at round numbers of a unit of time that lasts some seconds."""
+    from matplotlib.ticker import MaxNLocator
+
+    class RoundTimes(MaxNLocator):
+        """Ticks at round numbers of a unit of time."""
+
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            return np.asarray(super().tick_values(vmin / size, vmax / size)) * size
+
+    return RoundTimes("auto", steps=[1, 2, 2.5, 5, 10])
+
+
+def long_unit(time: xr.DataArray) -> tuple[str, float]:
+    """Return the unit that a figure writes times in, and how long it lasts in the unit recorded.
+
+    Examples
+    --------
+    >>> time = xr.DataArray([0.0, 3e9], dims="step", attrs={"units": "s"})
+    >>> long_unit(time)
+    ('years', 31557600.0)
+    """
+    units = str(time.attrs.get("units", SECONDS.text))
+    latest = float(np.nanmax(np.abs(time.values))) if time.size else 0.0
+    if units == SECONDS.text:
+        for name, size in LONG_UNITS:
+            if latest >= FEWEST_WHOLE * size:
+                return name, size
+    return units, 1.0
 
 
 def in_unit(what: str, units: str) -> str:
@@ -57,7 +108,8 @@ def in_unit(what: str, units: str) -> str:
 
 def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
     """Write a time with its unit."""
-    return f"t = {value:.{digits}g}{unit_suffix(str(time.attrs.get('units', SECONDS.text)))}"
+    units, size = long_unit(time)
+    return f"t = {value / size:.{digits}g}{unit_suffix(units)}"
 
 
 def words(text: Any) -> str:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from xdynamics.faults import InputError
 from xdynamics.figures import diagnosis, refinement
-from xdynamics.figures.marks import COLOURS, timed, words
+from xdynamics.figures.marks import COLOURS, label_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import in_prose, words_of
 from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
@@ -121,7 +121,8 @@ def _along_cycles(records: Several, name: str, axes: Axes) -> None:
         axes.set_ylim(low - diagnosis.STEADY * size, high + diagnosis.STEADY * size)
         axes.ticklabel_format(axis="y", useOffset=False)
     first = next(iter(records.values()))
-    axes.set(xlabel=timed(first["cycle_time"], f"time at the end of the {CYCLE}"), ylabel=words(f"{name} ({units})"))
+    label_time(axes, first["cycle_time"], f"time at the end of the {CYCLE}")
+    axes.set(ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 

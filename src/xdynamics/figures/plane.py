@@ -166,8 +166,13 @@ def drawn_links(run: xr.Dataset) -> NDArray[np.int_]:
     return np.concatenate(links)
 
 
-def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, joined: bool = False) -> None:
-    """Draw the paths of a view with one scale for both axes, and a dot at the start of each, where grey lines may join them."""
+def draw(
+    run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, joined: bool = False, discs: bool = False
+) -> None:
+    """Draw the paths of a view with one scale for both axes, and a dot at the start of each, where grey lines may join them.
+
+    Bodies that have been drawn as discs have no dots.
+    """
     every, view = view, view[:MOST_BODIES]
     for body, colour in zip(view, colours_of(view), strict=True):
         if body.is_fixed:
@@ -179,7 +184,8 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, j
         axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label)
         if is_long(run):
             axes.plot(*alone(x, y), color=colour, **DOTS)
-        axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
+        if not discs:
+            axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
     _mark(run, view, axes)
     first, note = view[0], ""
@@ -195,11 +201,8 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, j
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
     named = with_role(run, *POSITIONS)
     what = "the plane" if first.is_space else "phase plane"
-    axes.set_title(
-        f"{what} ({'dots and grey lines' if joined else 'dot'}: start{note}){left_out(every)}{straight(run, *named)}",
-        loc="left",
-        fontsize=10,
-    )
+    start = "rings: start, discs: end" if discs else f"{'dots and grey lines' if joined else 'dot'}: start"
+    axes.set_title(f"{what} ({start}{note}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
 
 
 def colours_of(view: list[BodyPath]) -> list[str]:

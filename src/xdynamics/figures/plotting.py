@@ -119,11 +119,17 @@ def plot(
     if panels not in run.AMOUNTS:
         raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
     _check(size, dpi)
-    options = {"only": wanted, "beside": others, "amount": panels, "names": names} if page is run.PAGE else {}
+    options: dict[str, Any] = {}
+    if page is run.PAGE:
+        options = {"only": wanted, "beside": others, "amount": panels, "names": names}
     options |= {"beside": others} if page is enclosure.PAGE else {}
     if transient is not None:
         options |= _left_out(page, transient)
-    drawn, foot = page.panels_of(given, **options), page.foot_of(given)
+    if page is run.PAGE:
+        drawn, rest = run.panels_and_rest(given, **options)
+    else:
+        drawn, rest = page.panels_of(given, **options), ""
+    foot = "; ".join(filter(None, (page.foot_of(given), rest)))
     if not drawn:
         raise InputError(f"'{title}' has nothing that is drawn of it; give it whole, as it was made")
     if len(drawn) > page.most_panels:

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
-from xdynamics.figures import energy, lattice, line_panels, march_panels, plane, scenery, space
+from xdynamics.figures import boundaries, energy, lattice, line_panels, march_panels, plane, scenery, space
 from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
@@ -26,7 +26,7 @@ from xdynamics.reaction_names import JOINT, constraint_force
 from xdynamics.record import check
 from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
-from xdynamics.shapes import parted
+from xdynamics.shapes import parted, spoken, written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,14 +78,19 @@ MOST = 4  # panels, where few are drawn
 Keyed = tuple[str, list[str], Panel]  # what kind of panel, which variables, how it is drawn
 
 
-def panels_of(
+def panels_of(run: xr.Dataset, *options: Any, **named: Any) -> list[Panel]:
+    """Return the panels of a run, as `panels_and_rest` does."""
+    return panels_and_rest(run, *options, **named)[0]
+
+
+def panels_and_rest(
     run: xr.Dataset,
     only: Sequence[str] | None = None,
     beside: Sequence[Any] = (),
     amount: str = ALL,
     names: Sequence[str] = (),
     transient: Transient | None = None,
-) -> list[Panel]:
+) -> tuple[list[Panel], str]:
     """Return the panels of a run: the plane, trajectory, velocity, contacts, drives, phase portrait, energy, steps.
 
     Between rows that are far apart lines go through states of the run's own method, recomputed from the record, and
@@ -105,6 +110,12 @@ def panels_of(
         Of the run and of each that is beside it; by default what differs.
     transient : Transient, optional
         What is left out of the section; by default its first fifth.
+
+    Returns
+    -------
+    list of callable
+    str
+        What few panels leave out, for the text below them; empty where they are all.
 
     Raises
     ------
@@ -127,7 +138,8 @@ def panels_of(
     keyed = [
         each for each in _panels(run, overlays, wanted, transient) if wanted is None or {each[0], *each[1]} & {*wanted}
     ]
-    panels = [panel for _, _, panel in (_chosen(keyed) if wanted is None and amount == FEW else keyed)]
+    chosen = _chosen(keyed) if wanted is None and amount == FEW else keyed
+    panels = [panel for _, _, panel in chosen]
     if not panels and wanted == ["plane"]:
         raise InputError(
             'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)",'
@@ -142,7 +154,16 @@ def panels_of(
         raise InputError(
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"
         )
-    return panels
+    return panels, _rest_of(keyed, chosen)
+
+
+def _rest_of(keyed: list[Keyed], chosen: list[Keyed]) -> str:
+    """Say what panels are not drawn, and how they are."""
+    kinds = dict[str, int]()
+    for kind in (kind for kind, _, panel in keyed if all(panel is not drawn for _, _, drawn in chosen)):
+        kinds[kind] = kinds.get(kind, 0) + 1
+    rest = ", ".join(kind if number == 1 else f"{number} of {kind}" for kind, number in kinds.items())
+    return f'{len(chosen)} of {len(keyed)} panels; with panels = "{ALL}" also {rest}' if kinds else ""
 
 
 def _chosen(panels: list[Keyed]) -> list[Keyed]:
@@ -164,12 +185,12 @@ def _wanted(run: xr.Dataset, only: Sequence[str]) -> list[str]:
     """Return kinds of panels and names of variables, of a quantity with dimensions those of its elements."""
     drawable = {name for _, names, _ in _panels(run, Beside()) for name in names} | {*_others(run)}
     drawable |= {name for name in Turning(run).unseen if _drawn(run, name)}
-    elements: dict[str, list[str]] = {}
+    elements, only = dict[str, list[str]](), [*map(written, only)]
     for name in sorted(drawable):
         elements.setdefault(parted(name)[0], []).append(name)
     if unknown := [word for word in only if word not in (*KINDS, *drawable, *elements)]:
         raise InputError(
-            f"only has {', '.join(map(repr, unknown))}; there are {', '.join(KINDS)}, and {', '.join(elements)}"
+            f"only has {', '.join(map(repr, map(spoken, unknown)))}; there are {', '.join(KINDS)}, and {', '.join(elements)}"
         )
     return [name for word in only for name in ([word] if word in KINDS else elements.get(word, [word]))]
 
@@ -185,7 +206,7 @@ def _panels(
     run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None, transient: Transient | None = None
 ) -> Iterator[Keyed]:
     """Yield every panel, in reading order."""
-    views = [view for view in plane.views(run) if not plane.moves_in_lines(view)]
+    views = [view for view in plane.views(run) if not plane.moves_in_lines(view) or boundaries.radii_of(run, view).size]
     for view in views:
         yield "plane", [], partial(_plane, run, view, beside)
     for seen in space.spaces(views):
@@ -198,14 +219,16 @@ def _panels(
 
 
 def _plane(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> None:
-    """Draw the paths of bodies, and what joins them at the start."""
-    plane.draw(run, view, beside, axes, joined=scenery.draw_at_start(run, view, axes))
+    """Draw the paths of bodies, as large as they are where they meet as discs, and what joins them at the start."""
+    discs = boundaries.draw_discs(view, boundaries.radii_of(run, view), axes)
+    plane.draw(run, view, beside, axes, joined=scenery.draw_at_start(run, view, axes), discs=discs)
 
 
 def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
     """Yield coordinates, velocities, first-order states, and variables asked for by name."""
     coordinates, turning = _with_role(run, "coordinate"), Turning(run)
     moving = [velocity(name) for name in coordinates if _drawn(run, velocity(name))]
+    moving += [name for name in _with_role(run, "velocity") if name.removeprefix(velocity("")) not in run]
     states, observables = _with_role(run, "state"), _with_role(run, "observable")
     if (
         wanted is None

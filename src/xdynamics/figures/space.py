@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
 from xdynamics.figures.line_panels import MOST_NAMED, colour_bar
-from xdynamics.figures.marks import COLOURS, typeset, words
+from xdynamics.figures.marks import COLOURS, at_time, typeset, words
 from xdynamics.figures.placing import named_elsewhere
 from xdynamics.figures.plane import MOST_BODIES, left_out
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Shapes
-from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,5 +99,5 @@ def field(run: xr.Dataset, name: str, dims: tuple[str, str], shapes: Shapes, axe
     axes.set_aspect("equal", adjustable="box")
     axes.grid(visible=False)
     axes.set(xlabel=words(f"{dims[0]}, counted from 0"), ylabel=words(f"{dims[1]}, counted from 0"))
-    time, suffix = float(run["time"][-1]), unit_suffix(str(run.variables["time"].attrs["units"]))
-    axes.set_title(words(f"{name} over {dims[0]} and {dims[1]} at t = {time:.4g}{suffix}"), loc="left", fontsize=10)
+    moment = at_time(run["time"], float(run["time"][-1]), 4)
+    axes.set_title(words(f"{name} over {dims[0]} and {dims[1]} at {moment}"), loc="left", fontsize=10)

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, at_time, in_unit, timed, typeset, words
+from xdynamics.figures.marks import COLOURS, at_time, in_unit, label_time, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.transients import Transient, without
 from xdynamics.figures.vanishing import END_TIME, vanishing
@@ -301,7 +301,8 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         axes.fill_between(times, low, high, color=BANDS[0], label="95 %")
         axes.fill_between(times, lower, upper, color=BANDS[1], label="50 %")
         axes.plot(times, middle, color=COLOURS[0], linewidth=1.2, label="median")
-        axes.set(xlabel=timed(sweep[AT_TIME]), ylabel=_labelled(sweep, name))
+        label_time(axes, sweep[AT_TIME])
+        axes.set(ylabel=_labelled(sweep, name))
         axes.legend(fontsize=7, frameon=False)
     else:
         values = number.values.astype(float).ravel()

@@ -57,7 +57,7 @@ def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
             ),
         ),
         (
-            bool(model.contacts or model.frictions),
+            bool(model.contacts or model.frictions or model.assemblies),
             (
                 "contacts and frictions, whose impacts and forces are solved in float64; write an impact as an event with"
                 " action = 'reset'"

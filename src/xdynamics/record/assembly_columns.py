@@ -263,7 +263,9 @@ def _judged(about: About, row: int, impulse: Unit, speed: Any) -> list[Column]:
     energy = spell(impulse.dimension * speed)
     first = next(iter(about.model.assemblies.values()))
     rate = spell(dimension_of(first.gap, about.model.dimensions) / about.model.time_unit.dimension)
-    lost = "energy that the motion lost in the impact, relative to a surface that moves"
+    rubs = any(assembly.contact.slip is not None for assembly in assemblies(about.model))
+    stopped = ", or as slow motions of a heap were stopped" if rubs else ""
+    lost = f"energy that the motion lost in the impact{stopped}, relative to a surface that moves"
     left = (
         "residual of the complementarity problem of all impulses at the time: the largest rate by which a gap still"
         " closes, or opens though it is pressed"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,10 @@ import numpy as np
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
 from xdynamics.model.uncertainty import deviations, matrix_of
-from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.shapes.naming import DOT, spoken, written
+from xdynamics.shapes.naming import DOT, parted, spoken, written
 from xdynamics.sweeping.axis_values import Values, written_numbers
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
@@ -192,14 +192,13 @@ def _twice(values: Values) -> Any:
 
 def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
     """Put points between the ends of each range, or around each parameter."""
-    points, names, columns = draws.points(), list(draws.ranges), []
     if draws.design == DECLARED:
         declared = model.uncertain | {
             f"{FOR_INITIAL}{name}": entry for name, entry in model.starts.items() if entry.uncertainty > 0
         }
-        for name in names:
-            if name not in declared:
-                raise InputError(f"'{name}' has no uncertainty in the model; there are {', '.join(declared) or 'none'}")
+        draws = replace(draws, ranges=_declared_names(draws.ranges, declared))
+    points, names, columns = draws.points(), [*map(written, draws.ranges)], []
+    if draws.design == DECLARED:
         offsets = deviations(
             [spread for name in names if (spread := declared[name].spread)],
             matrix_of([entry.removeprefix(FOR_INITIAL) for entry in names], model.correlations),
@@ -215,11 +214,26 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
                 )
             )
         return tuple(columns)
+    ends = {written(name): pair for name, pair in draws.ends.items()}
     for i, name in enumerate(names):
-        column = range_of(model, name, draws.ends[name])
+        column = range_of(model, name, ends[name])
         low, high = column.values.tolist()
         columns.append(replace(column, values=low + (high - low) * points[:, i], digits=()))
     return tuple(columns)
+
+
+def _declared_names(given: Iterable[str], declared: Mapping[str, Any]) -> list[str]:
+    """Return names as they are inside, those of all elements for that of a quantity with dimensions."""
+    found = dict[str, None]()
+    for name in map(written, given):
+        own = [name] if name in declared else [entry for entry in declared if parted(entry)[0] == name]
+        if not own:
+            raise InputError(
+                f"'{spoken(name)}' has no uncertainty in the model; there are"
+                f" {', '.join(of_wholes(declared)) or 'none'}{elements_of(name, declared)}"
+            )
+        found |= dict.fromkeys(own)
+    return [*found]
 
 
 def range_of(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:

@@ -23,9 +23,11 @@ from xdynamics.model import Model
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.record.folding import model_dimensions
 from xdynamics.record.size import memory_asked
+from xdynamics.record.unfolding import unfold
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
-from xdynamics.shapes.naming import written
+from xdynamics.shapes.naming import parted, spoken, written
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import digits, with_uncertainty
 
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 MOST_SHOWN = 3  # occurrences of one event, in words
+MOST_ELEMENTS = 6  # of one quantity, in words
 
 
 def refine(
@@ -230,6 +233,7 @@ def _stopped(changing: list[str], count: int, limit: str) -> str:
 
 def lines_of(study: xr.Dataset) -> list[str]:
     """Describe a refinement, line by line."""
+    study = unfold(study) if model_dimensions(study) else study
     varied = str(study.attrs["varied"])
     levels = ", ".join(f"{item:.6g}" if study[varied].dtype.kind == "f" else str(item) for item in study[varied].values)
     units = study[varied].attrs["units"]
@@ -238,14 +242,22 @@ def lines_of(study: xr.Dataset) -> list[str]:
     lines.append(f"outcomes  {', '.join(outcomes)}")
     lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
     names = [str(item) for item in study.data_vars if f"difference_{item}" in study]
+    shown = dict[str, int]()
     for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
-        lines += _of_number(study, name)
+        whole, labels = parted(name)
+        shown[whole] = shown.get(whole, 0) + 1
+        lines += _of_number(study, name) if not labels or shown[whole] <= MOST_ELEMENTS else []
+    lines += [
+        f"{whole}: {count - MOST_ELEMENTS} further elements are in the record"
+        for whole, count in shown.items()
+        if count > MOST_ELEMENTS
+    ]
     return lines + ([f"stopped   {study.attrs['stopped']}"] if "stopped" in study.attrs else [])
 
 
 def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
     """Describe one number at each of its places, line by line."""
-    variable = study[name]
+    variable, called = study[name], spoken(name)
     places = [dim for dim in variable.dims if dim != LEVEL]
     units = "" if variable.attrs["units"] == "1" else f" {variable.attrs['units']}"
     count = study.sizes[places[0]] if places else 1
@@ -262,19 +274,19 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
             )
         )
         if np.isnan(value):
-            yield f"{name}{where} is not there in the finest level"
+            yield f"{called}{where} is not there in the finest level"
             continue
         if f"verdict_{name}" not in study:
             change = float(study[f"difference_{name}"].isel(place)[-2])
             yield (
-                f"{name}{where} = {value:.{digits(value, apart=abs(change) / 10.0)}g}{units}, changed by {change:.3g}{units}"
+                f"{called}{where} = {value:.{digits(value, apart=abs(change) / 10.0)}g}{units}, changed by {change:.3g}{units}"
             )
             continue
         order = float(study[f"order_{name}"].isel(place)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
         verdict = words_of(study[f"verdict_{name}"].isel(place))[0]
         uncertainty = float(study[f"uncertainty_{name}"].isel(place))
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
-        yield (f"{name}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
+        yield (f"{called}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
     if places == [OCCURRENCE] and count > MOST_SHOWN:
         more = "1 further occurrence is" if count == MOST_SHOWN + 1 else f"{count - MOST_SHOWN} further occurrences are"
         yield f"{name}: {more} in the record"

@@ -6,6 +6,9 @@ its gap opens. A link that bounces so low that it may be skipped, or too briefly
 Links that slide may leave no forces at all: they wedge, and the more they press the more is needed (Painlevé's paradox;
 Génot and Brogliato, Eur. J. Mech. A 18, 1999, 653). An impulse then stops slips at once. Those that are as slow as bounces
 that may be skipped are stopped so, and grip; where faster ones wedge, the run ends in words.
+
+A heap that nearly rests would come to rest by ever more slips, lifts and impacts, each lower than a bounce that may be
+skipped. Where forces within all bounds hold every link that is so slow, these motions are skipped together.
 """
 
 from __future__ import annotations
@@ -47,7 +50,8 @@ from xdynamics.march.assembly.friction import RESTLESS, solve_links
 from xdynamics.march.assembly.holding import project, stop
 from xdynamics.march.assembly.impact import pose_slip
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
+from xdynamics.march.assembly.low_motions import falling, is_low, is_short, is_slow, resolution, slip_falling
+from xdynamics.march.assembly.narrow_phase import NOISE
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest
 from xdynamics.march.assembly.responses import clear, respond
 from xdynamics.march.assembly.touching import (
@@ -76,8 +80,11 @@ from xdynamics.march.assembly.touching import (
     SLIP_EARLY,
     SLIP_OWN,
     SLIP_SLACK,
+    STANDING,
+    STANDS,
     STATIC,
     TAKEN,
+    WEDGED,
     acceleration_along,
     rate_of,
     slip_of,
@@ -85,7 +92,6 @@ from xdynamics.march.assembly.touching import (
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 
-LOW = 1e-9  # of the height of the highest bounce: those that may be skipped, unless the model says how low they are
 ROUNDS = 4  # of examining again which links come to rest
 
 
@@ -101,12 +107,13 @@ def rest(run: Run, t: float) -> bool:
         still = abs(rate_of(run, a)) <= run.touching[a, SLACK] + falling(run, a) * resolution(run, a)
         run.touching[a, ACTS] = 1.0 if still and run.touching[a, LIFTS] == 0.0 else 0.0
         run.touching[a, SKIPS], run.touching[a, LASTS], run.touching[a, TAKEN] = 0.0, 0.0, 0.0
-    for _ in range(ROUNDS):
-        if not find_forces(run):
-            return False
-        restored, skips = restore_contacts(run), skip_bounces(run)
-        if not (restored or skips):
-            break
+    if not stand_still(run):
+        for _ in range(ROUNDS):
+            if not find_forces(run):
+                return False
+            restored, skips = restore_contacts(run), skip_bounces(run)
+            if not (restored or skips):
+                break
     close(run)
     take_energy(run, t)
     project(run, t)
@@ -123,32 +130,11 @@ def note_speeds(run: Run) -> None:
 
 
 @shared
-def resolution(run: Run, a: int) -> float:
-    """The time within which what happens to a link is located."""
-    return resolution_of(run, int(run.touching[a, CANDIDATE]), 0.0)
-
-
-@shared
-def falling(run: Run, a: int) -> float:
-    """The size of the terms of a link's acceleration without forces of links."""
-    return size_along(run, int(run.tallies[ROWS]) * a, run.touching[a, BIAS])
-
-
-@shared
-def size_along(run: Run, row: int, bias: float) -> float:
-    """The size of the terms of an acceleration along a row."""
-    accelerations, size = run.plan[0].used, abs(bias)
-    for i in range(run.normals.shape[1]):
-        size += abs(run.normals[row, i] * run.z[accelerations + run.reads[row, i]])
-    return size
-
-
-@shared
 def solve_forces(run: Run) -> bool:
     """Find the forces of links that do not part, and the acceleration of every gap with them."""
     count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
     for a in range(count):
-        acts, row = run.touching[a, ACTS] == 1.0, rows * a
+        acts, row = run.touching[a, ACTS] == 1.0 or run.touching[a, STANDS] == 1.0, rows * a
         run.vectors[SCALE, row] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
         run.vectors[RIGHT, row] = -acceleration_along(run, row, run.touching[a, BIAS]) * run.vectors[SCALE, row]
         run.vectors[RETURNED, row] = 0.0
@@ -166,6 +152,49 @@ def solve_forces(run: Run) -> bool:
             run.touching[a, DRAGS] = run.vectors[X, rows * a + 1] * run.vectors[SCALE, rows * a + 1]
     note_accelerations(run)
     return True
+
+
+@shared
+def stand_still(run: Run) -> bool:
+    """Have links grip whose motion is as low as a bounce that may be skipped, if they then stand; whether they do.
+
+    Those that would open are kept closed for the moment, so that none is struck where slips of others stop.
+    """
+    count, any_moves = run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0, False
+    for a in range(count):
+        run.touching[a, STANDS] = 1.0 if is_slow(run, a) else 0.0
+        any_moves = any_moves or (run.touching[a, STANDS] == 1.0 and may_move(run, a))
+    stands = any_moves and solve_forces(run) and is_held(run)
+    run.spans[STRAIN] = 0.0 if any_moves and not stands else run.spans[STRAIN]
+    for a in range(count):
+        if run.touching[a, STANDS] == 1.0 and stands:
+            run.touching[a, HALTED] = 0.0 if run.touching[a, LIFTS] == 1.0 else STANDING
+            run.touching[a, ACTS], run.touching[a, LIFTS], run.touching[a, BROKEN] = 1.0, 0.0, 0.0
+        run.touching[a, STANDS] = 0.0
+    return stands
+
+
+@shared
+def may_move(run: Run, a: int) -> bool:
+    """Whether a slow link lifts, its grip has broken, or it slips."""
+    fast = run.touching[a, SLIP_SLACK]
+    slips = run.touching[a, RUBS] == 1.0 and abs(slip_of(run, a)) > fast
+    return run.touching[a, LIFTS] == 1.0 or run.touching[a, BROKEN] != 0.0 or slips or run.touching[a, ACTS] == 0.0
+
+
+@shared
+def is_held(run: Run) -> bool:
+    """Whether no slow link accelerates along what it holds, but where it opens without a force."""
+    force, held = largest(run, X, 0, 2 * run.tallies[TOGETHER]), True
+    for a in range(run.tallies[TOGETHER]):
+        if run.touching[a, STANDS] == 1.0:
+            still = 4.0 * RESTLESS * (falling(run, a) + force * sqrt(run.touching[a, OWN]))
+            if run.touching[a, FORCE] == 0.0 and run.touching[a, AFTER] > still:
+                continue
+            held = held and abs(run.touching[a, AFTER]) <= still
+            still = 4.0 * RESTLESS * (slip_falling(run, a) + force * sqrt(run.touching[a, SLIP_OWN]))
+            held = held and (run.touching[a, RUBS] == 0.0 or abs(run.touching[a, SLIP_AFTER]) <= still)
+    return held
 
 
 @shared
@@ -194,7 +223,7 @@ def halt_slips(run: Run) -> bool:
     for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
         slides = run.touching[a, ACTS] == 1.0 and run.vectors[DRAG, 2 * a + 1] != 0.0
         if slides and run.touching[a, HALTED] == 0.0 and is_short(run, a, slip_of(run, a), falling(run, a)):
-            run.touching[a, HALTED], any_halts = 1.0, True
+            run.touching[a, HALTED], any_halts = WEDGED, True
     run.spans[STRAIN] = 0.0 if any_halts else run.spans[STRAIN]
     return any_halts
 
@@ -216,7 +245,9 @@ def pose_grip(run: Run, a: int, acts: bool) -> None:
     pose_slip(run, a, acts, acceleration_along(run, row, run.touching[a, SLIP_BIAS]))
     if run.touching[a, RUBS] == 1.0:
         slip, fast = slip_of(run, a), run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a)
-        if abs(slip) > fast and run.touching[a, HALTED] == 0.0:
+        if run.touching[a, STANDS] == 1.0:
+            run.vectors[GRIP, row] = run.touching[a, STATIC]
+        elif abs(slip) > fast and run.touching[a, HALTED] == 0.0:
             run.vectors[DRAG, row] = -run.touching[a, KINETIC] if slip > 0.0 else run.touching[a, KINETIC]
         elif run.touching[a, BROKEN] != 0.0:
             run.vectors[DRAG, row] = run.touching[a, BROKEN] * run.touching[a, KINETIC]
@@ -240,12 +271,6 @@ def restore_contacts(run: Run) -> bool:
         if run.touching[a, LIFTS] == 1.0 and run.touching[a, AFTER] < -4.0 * RESTLESS * size:
             run.touching[a, LIFTS], run.touching[a, ACTS], any_holds = 0.0, 1.0, True
     return any_holds
-
-
-@shared
-def slip_falling(run: Run, a: int) -> float:
-    """The size of the terms of the acceleration of a link's slip."""
-    return size_along(run, 2 * a + 1, run.touching[a, SLIP_BIAS])
 
 
 @shared
@@ -287,24 +312,6 @@ def skip_bounces(run: Run) -> bool:
 
 
 @shared
-def is_low(run: Run, a: int, rate: float, fall: float) -> bool:
-    """Whether the next bounce of a link is as good as none."""
-    if rate <= max(run.touching[a, SLACK], 2.0 * fall * resolution(run, a)):
-        return True
-    if run.touching[a, BOUNCE] >= 1.0:  # bounces never end
-        return False
-    return is_short(run, a, rate, fall)
-
-
-@shared
-def is_short(run: Run, a: int, rate: float, fall: float) -> bool:
-    """Whether a motion that begins with a rate is as low as a bounce of a link that may be skipped."""
-    c = run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]
-    height = run.assemblies[c].rest_height
-    return rate * rate <= (2.0 * fall * height if height >= 0.0 else LOW * run.greatest[1 + c] * run.greatest[1 + c])
-
-
-@shared
 def close(run: Run) -> None:
     """Write down which links are closed from now on: those that press, and those whose gap does not open either."""
     count = 0
@@ -313,6 +320,7 @@ def close(run: Run) -> None:
         if run.tallies[ROWS] == 2:  # where forces are balanced by friction, what is left of them is no motion
             still += 4.0 * RESTLESS * largest(run, X, 0, 2 * run.tallies[TOGETHER]) * sqrt(run.touching[a, OWN])
         opens = run.touching[a, FORCE] == 0.0 and run.touching[a, AFTER] > still
+        opens = opens and run.touching[a, HALTED] != STANDING
         if run.touching[a, ACTS] == 1.0 and not opens:
             k = int(run.touching[a, CANDIDATE])
             if run.tallies[ROWS] == 2:
@@ -366,10 +374,12 @@ def take_energy(run: Run, t: float) -> None:
             run.spans[TERMS] += abs(impulse) * (abs(before) + abs(after))
             if rows == 2 and run.touching[a, RUBS] == 1.0:
                 pull, slip = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1], run.touching[a, PULL]
-                run.spans[LOSS] -= pull * (slip + slip_of(run, a)) / 2.0
+                rubbed = -pull * (slip + slip_of(run, a)) / 2.0
+                run.touching[a, TAKEN] += rubbed if run.touching[a, HALTED] != 0.0 else 0.0
+                run.spans[LOSS] += rubbed
                 run.spans[WORK] -= pull * run.touching[a, SLIP_EARLY]
                 run.spans[TERMS] += abs(pull) * (abs(slip) + abs(slip_of(run, a)))
-                if run.touching[a, HALTED] == 1.0:
+                if run.touching[a, HALTED] == WEDGED:
                     check_cone(run, a, impulse, abs(pull))
             row += rows
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import inf
 
-from xdynamics.elementary.rounding_margins import SMOOTH
+from xdynamics.elementary.rounding_margins import EPS, SMOOTH
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.interval_program import VARIABLE
 from xdynamics.march.assembly.links import (
@@ -46,6 +46,7 @@ SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WO
 )
 GROUP = 16  # elements of a group
 AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
+UNSURE = 256.0 * EPS  # of the ends of a box
 LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates
 
 
@@ -85,16 +86,39 @@ def fit_boxes(run: Run) -> bool:
     row, leaf, count, accelerations = first.row, first.row_leaf, first.leaves, run.plan[0].used
     target = run.leafs[first.first_leaf + leaf, TARGET]
     for i in range(n):
+        run.renewed[i] = 0
+        if run.tallies[BEGUN] == 1 and stays_inside(run, i, piece.width):
+            continue
         pattern.y[leaf], pattern.z[leaf] = run.y[i], run.z[i]
         pattern.y[count + leaf], pattern.z[count + leaf] = run.y[n + i], run.z[n + i]
         pattern.y[2 * count + leaf], pattern.z[2 * count + leaf] = run.y[accelerations + i], run.z[accelerations + i]
         row_by(pattern.functions[VARIABLE], pattern, pattern.y, pattern.z, row)
         low, high = pattern.under[target], pattern.over[target]
-        run.renewed[i] = 0
         if run.tallies[BEGUN] == 0 or not (run.boxes[0, i] <= low and high <= run.boxes[1, i]):
             far = AHEAD * (high - low) * run.spans[SHARE]
             run.boxes[0, i], run.boxes[1, i], run.renewed[i], any_renewed = low - far, high + far, 1, True
     return any_renewed
+
+
+@shared
+def stays_inside(run: Run, i: int, w: float) -> bool:
+    """Whether a coordinate is proven to stay in its box by less arithmetic than its pattern's, whose bounds these are.
+
+    They are the Bernstein coefficients of Hermite's quintic, widened by its distance from cubics; see
+    `elementary.motion_bounds`. Every term of them is within a few widths of the box if they are in it, so that rounding is
+    less than `UNSURE` of its ends.
+    """
+    n, accelerations = run.plan[0].coordinates, run.plan[0].used
+    q0, v0, a0 = run.y[i], run.y[n + i], run.y[accelerations + i]
+    q1, v1, a1 = run.z[i], run.z[n + i], run.z[accelerations + i]
+    odd = abs((q1 - q0) - w * (v0 + v1) / 2.0 + w * w * (a1 - a0) / 12.0)
+    even = abs(v1 - v0 - w * (a0 + a1) / 2.0)
+    b1, b2 = q0 + w * v0 / 5.0, q0 + 2.0 * w * v0 / 5.0 + w * w * a0 / 20.0
+    b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
+    off = odd + w * even / 128.0 + UNSURE * max(abs(run.boxes[0, i]), abs(run.boxes[1, i]))
+    low, high = run.boxes[0, i] + off, run.boxes[1, i] - off
+    inside = low <= q0 <= high and low <= b1 <= high and low <= b2 <= high
+    return bool(inside and low <= b3 <= high and low <= b4 <= high and low <= q1 <= high)
 
 
 @shared

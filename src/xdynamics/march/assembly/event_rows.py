@@ -58,6 +58,8 @@ def note_impacts(run: Run, before: int) -> None:
         if run.touching[a, OWN] * impulse <= (run.touching[a, SLACK] if run.touching[a, HELD] == 1.0 else 0.0):
             continue
         e = add_row(run, a, before, IMPACT)
+        if run.touching[a, HELD] == 1.0:  # it was closed, and is struck by others at their time
+            run.log_events[e].residual, run.log_events[e].uncertainty = 0.0, 0.0
         assembly = run.assemblies[run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]]
         for i in range(assembly.coordinates):
             slot = run.slots[run.reads[rows * a, i]] + slots * run.leafs[assembly.first_leaf + i, END]
@@ -87,6 +89,7 @@ def note_changes(run: Run, before: int) -> None:
             did, does = run.touching[a, GRIPPED], run.touching[a, GRIPS]
             if did != does and (did == STICKS or does == STICKS):
                 e = add_row(run, a, before, STICK if does == STICKS else SLIP_KIND)
+                run.log_impulses[2 * run.tallies[SLOTS], e] = run.touching[a, TAKEN]
                 run.log_events[e].residual = 0.0
 
 
