@@ -22,7 +22,7 @@ from xdynamics.kernels.program import (
 
 # operations up to which every coefficient is a value of the text: beyond, a step's code is more than what a processor
 # keeps of code beside it (32 KB), and is read again in every step
-WRITTEN_OUT = 2500
+WRITTEN_OUT = 1750
 LINEAR = frozenset(("add", "subtract", "negative", "choose", "least", "greatest", "abs", "positive", *CONSTANT))
 
 
@@ -122,14 +122,14 @@ def is_small(body: Sequence[Line], degree: int) -> bool:
                 still.add(line.target)
             case Compute():
                 changing = [entry for entry in line.arguments if isinstance(entry, str) and entry not in still]
-                operations += degree + convolution * _convolutions(line.operation, changing)
+                operations += convolution * _convolutions(line.operation, changing)
                 if not changing:
                     still.add(line.target)
     return operations <= WRITTEN_OUT
 
 
 def _convolutions(operation: str, changing: Sequence[Operand]) -> float:
-    """Return how many sums of products a coefficient is made of; a square has half as many terms."""
+    """Return how many sums of products a coefficient is made of; sums of multiples are hardly more operations."""
     if operation in LINEAR or not changing:
         return 0.0
     match operation, changing:
@@ -139,4 +139,8 @@ def _convolutions(operation: str, changing: Sequence[Operand]) -> float:
             return 0.5 if a == b else 1.0
         case "sqrt", _:
             return 0.5
-    return 1.0 if operation in ("divide", "exp", "sin", "cos") else 2.0
+        case "divide", _:
+            return 1.0
+        case (("exp" | "sin" | "cos"), _):
+            return 1.4  # with the slope of the argument
+    return 2.0
