@@ -54,11 +54,11 @@ def enclosure_dataset(
 def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Return what is known of a proof only once it is made: variables, and attributes too."""
     suffix = unit_suffix(model.time_unit)
-    stopped = f", before the first motion stops at '{tube.stopped}'," if tube.stopped else " to the end,"
+    where = f"up to t = {tube.reached!r}{suffix}, before the first motion stops at '{tube.stopped}'"
     ended = (
         f"no bounds are proven after t = {tube.reached!r}{suffix}: {tube.reason}"
         if tube.reason
-        else f"proven{stopped} t = {tube.reached!r}{suffix}, in {tube.steps} steps{_of_parts(tube)}"
+        else f"proven {where if tube.stopped else f'to the end, t = {tube.reached!r}{suffix}'}, in {tube.steps} steps{_of_parts(tube)}"
     )
     found: dict[str, tuple[Any, dict[str, Any]]] = {
         "summary": (proposition(model, tube), about("1", "what is proven", "rule")),
