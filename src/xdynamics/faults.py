@@ -12,6 +12,7 @@ from pathlib import Path
 
 _OURS = (str(Path(__file__).parent), contextlib.__file__)  # the latter is between a context manager and its caller
 MOST_LISTED = 20  # faults that a message shows; an error holds them all
+MOST_NAMED = 10  # names that a sentence lists
 MOST_SOUGHT = 200  # faults of one input, after which it is given up
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
@@ -141,6 +142,13 @@ def warn(message: str, category: type[Warning]) -> None:
     while frame is not None and frame.f_code.co_filename.startswith(_OURS):
         level, frame = level + 1, frame.f_back
     warnings.warn(spoken(message), category, stacklevel=level)
+
+
+def few(names: Iterable[str]) -> str:
+    """List the first ten names and count the others."""
+    listed = [*names]
+    rest = len(listed) - MOST_NAMED
+    return ", ".join(listed[:MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def numbered(faults: Iterable[str]) -> str:

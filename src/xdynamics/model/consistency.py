@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from itertools import count, islice
+from collections.abc import Mapping
+from itertools import count
 from typing import Any
 
 from xdynamics.expressions import (
@@ -16,7 +16,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
-from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.faults import InputError, Ledger, ModelError, few
 from xdynamics.model.body_consistency import check_bodies, check_constants
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.constraint_consistency import check_constraints
@@ -197,11 +197,11 @@ def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledg
         if not waiting:
             return
         if not ready:
-            ledger.note(f"definitions {_few(waiting)} are defined by one another")
+            ledger.note(f"definitions {few(waiting)} are defined by one another")
             return
         if levels > MOST_LEVELS:
             ledger.note(
-                f"definitions {_few(waiting)} are nested too deeply, over {MOST_LEVELS} levels; shorten the chain"
+                f"definitions {few(waiting)} are nested too deeply, over {MOST_LEVELS} levels; shorten the chain"
             )
             return
         for name in ready:
@@ -210,12 +210,6 @@ def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledg
             with ledger.entry(f"definition '{name}'"):
                 dimensions[name] = dimension_of(node, dimensions)
                 expand(node, statement.definitions)
-
-
-def _few(names: Iterable[str]) -> str:
-    """List the first ten names and count the others."""
-    first, remaining = [*islice(names, 10)], len([*names]) - 10
-    return ", ".join(first) + (f" and {remaining} more" if remaining > 0 else "")
 
 
 def _check_action(

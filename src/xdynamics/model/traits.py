@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from xdynamics.expressions import Node, free_names
+from xdynamics.faults import few
 from xdynamics.model.controllers import held
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, reactions
@@ -46,7 +48,8 @@ def traits_of(model: Model) -> dict[Trait, str]:
     # names of elements are many, and made where something reads them
     coordinates = set(model.coordinates) if asked or rates else set[str]()
     kept = held(model.controllers, model.time_unit)  # constant between ticks, as parameters are
-    velocities, states = set(map(velocity, coordinates)), set(model.states) - kept.keys()
+    velocities = {velocity(name) for name in (*coordinates, *model.shaped.coordinates)}
+    states = {*model.states, *model.shaped.states} - kept.keys()
     for label, names_read in asked:
         if fault := names_read & velocities:
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
@@ -68,16 +71,23 @@ def traits_of(model: Model) -> dict[Trait, str]:
 def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     """Return every force component, mass entry and reaction, with the names that it reads.
 
-    Of a model with dimensions, terms that read positions and numbers alone are left out before their elements are made.
+    Of a force with dimensions these are the names of whole quantities; one that reads positions alone is left out.
     """
     wholes = acting(model) if model.shapes.dims else {}
-    apart = {term for term, parts in wholes.items() if all(_is_plain(model, part) for part in parts.values())}
     forces = [
-        (f"force '{term}' of '{coordinate}'", model.reads(expression))
-        for term, components in model.force_components.items()
-        if term not in apart
-        for coordinate, expression in components.items()
+        (f"force '{term}' of '{coordinate}'", _read(model, part))
+        for term, parts in wholes.items()
+        for coordinate, part in parts.items()
+        if not isinstance(part, Function) and not _is_plain(model, part)
     ]
+    apart = {term for term, parts in wholes.items() if not any(isinstance(part, Function) for part in parts.values())}
+    if not has_wholes(model) or len(apart) < len(wholes):  # elements of forces are dear
+        forces += [
+            (f"force '{term}' of '{coordinate}'", model.reads(expression))
+            for term, components in model.force_components.items()
+            if term not in apart
+            for coordinate, expression in components.items()
+        ]
     shaped = model.shaped.mass if has_wholes(model) else ()
     plain = bool(shaped) and all(_is_plain(model, row[i]) for i, row in enumerate(shaped))
     entries = () if plain else model.statement.mass_entries.values()
@@ -93,6 +103,15 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     return forces + masses + pressed
 
 
+def _read(model: Model, whole: Node) -> set[str]:
+    """Return the names of whole quantities that a force with dimensions reads, also through drives."""
+    names = free_names(written_out(model, whole))
+    read = [
+        free_names(written_out(model, drive.argument)) for name, drive in model.shaped.drives.items() if name in names
+    ]
+    return names.union(*read)
+
+
 def _is_plain(model: Model, whole: Node | Function) -> bool:
     """Whether a force with dimensions reads no velocity, state or drive."""
     if isinstance(whole, Function):
@@ -102,4 +121,6 @@ def _is_plain(model: Model, whole: Node | Function) -> bool:
 
 
 def _listed(names: set[str]) -> str:
-    return ", ".join(sorted(names))
+    """List names in the order of their letters, then of their numbers."""
+    parts = {name: re.split(r"(\d+)", name) for name in names}
+    return few(sorted(names, key=lambda name: [int(part) if i % 2 else part for i, part in enumerate(parts[name])]))

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, few
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
 
@@ -50,7 +50,7 @@ class Extent:
             return self._numbers[entry]
         if isinstance(entry, int) and -self.size <= entry < self.size:
             return entry % self.size
-        known = f"the labels {_few(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
+        known = f"the labels {few(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
         alike = get_close_matches(str(entry), self.labels[:_COMPARED], n=1)
         meant = f"; did you mean {alike[0]}?" if alike else ""
         raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}{meant}")
@@ -155,7 +155,7 @@ class Shapes:
             return self.extents[dim]
         if dim in self.relations:
             return self.relations[dim].extent
-        known = _few((*self.relations, *self.extents))
+        known = few((*self.relations, *self.extents))
         raise InputError(f"'{dim}' is no dimension or relation{f'; there are {known}' if known else ''}")
 
     def ordered(self, dims: set[str]) -> tuple[str, ...]:
@@ -242,7 +242,3 @@ def number_of_element(name: str, extents: tuple[Extent, ...]) -> int | None:
 
 
 NO_SHAPES = Shapes()  # of a model without dimensions
-
-
-def _few(names: tuple[str, ...]) -> str:
-    return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
