@@ -17,7 +17,15 @@ from xdynamics.model import Trait
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.stability import limits
 from xdynamics.stability.amplification import LinearSystem, amplification, factors
-from xdynamics.stability.limits import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
+from xdynamics.stability.limits import (
+    OSCILLATOR,
+    decay_limit,
+    largest_step,
+    oscillator_limit,
+    stable_step,
+    stiffness,
+    treats_alike,
+)
 
 RK4 = """
     y2 = y + h/2*k
@@ -148,6 +156,31 @@ def test_a_damped_oscillator_has_its_closed_form(name: str, step: float) -> None
     """Assert h = c/k for Euler, the root of k h**2 + 2 c h - 4 for Euler-Cromer; k = 1 s-2 and c = 0.04 s-1."""
     model = particle("-(2*x + 0.08*v_x*second)*newton/metre")
     assert stable_step(model, xd.METHODS[name], initial_state(model)) == pytest.approx(step, rel=1e-8, nan_ok=True)
+
+
+@pytest.mark.parametrize("name", ["euler_cromer", "averaged_velocity", "implicit_velocity_verlet", "rk4"])
+@pytest.mark.parametrize("growth", [0.0, 1e-3])
+def test_modes_that_are_damped_apart_have_the_step_of_the_whole(
+    name: str, growth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert the same limit by systems of one coordinate as by all at once, for damping by mass and by stiffness."""
+    random = np.random.default_rng(5)
+    mass, spread = np.diag(random.uniform(0.5, 2.0, 4)), random.normal(size=(4, 4))
+    stiffness = np.linalg.solve(mass, spread @ spread.T)
+    jacobian = np.block([[np.zeros((4, 4)), np.eye(4)], [-stiffness, -0.05 * np.eye(4) - 0.02 * stiffness]])
+    system, method = LinearSystem.of(jacobian, 4), xd.METHODS[name]
+    assert system.modes is not None
+    assert np.sort(system.modes.eigenvalues.ravel()) == pytest.approx(np.sort(system.eigenvalues), abs=1e-12)
+    step = largest_step(method, system, growth)
+    monkeypatch.setattr(LinearSystem, "modes", None)
+    assert step == pytest.approx(largest_step(method, system, growth), rel=1e-9)
+
+
+def test_damping_that_joins_modes_keeps_them_together() -> None:
+    """Assert that a damper at one end, and gyroscopic forces, leave no systems of one coordinate."""
+    stiffness = np.array([[2.0, -1.0], [-1.0, 2.0]])
+    for damping in (np.diag([0.1, 0.0]), np.array([[0.0, 0.3], [-0.3, 0.0]])):
+        assert LinearSystem.of(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -damping]]), 2).modes is None
 
 
 @pytest.mark.parametrize("masses", [2, 15])

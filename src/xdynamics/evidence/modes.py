@@ -23,11 +23,11 @@ from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, linearise
 from xdynamics.model.motion import constants, variables
-from xdynamics.model.tangent_space import count_of_changes, independent
+from xdynamics.model.tangent_space import count_of_changes, free_coordinates, independent
 from xdynamics.record import of_elements
 from xdynamics.record.folding import fold, labelled
 from xdynamics.schema import Variable
-from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
+from xdynamics.stability import LinearSystem, decay_limit, oscillator_limit, stable_step_of
 from xdynamics.units import NONE, NUMBERS, Unit, spell, unit_suffix
 
 Floats = NDArray[np.float64]
@@ -155,8 +155,9 @@ class Spectrum:
         frequency = np.sqrt(real)
         period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
         methods, scale = list(METHODS.values()), _scale(eigenvalues)
-        stable = np.array([stable_step_of(jacobian, method, model) for method in methods])
-        growing = [stable_step_of(jacobian, method, model, growth=0.01 / scale) for method in methods]
+        system = LinearSystem.of(jacobian, free_coordinates(model), eigenvalues)
+        stable = np.array([stable_step_of(system, method, model) for method in methods])
+        growing = [stable_step_of(system, method, model, growth=0.01 / scale) for method in methods]
         suggested = np.minimum(scale / 20.0, np.array(growing) / 2.0)  # nan where the method refuses the model
         limits = np.array([[limit(method) for method in methods] for limit in (oscillator_limit, decay_limit)])
         return cls(frequency, period, shapes, eigenvalues, limits, stable, suggested)

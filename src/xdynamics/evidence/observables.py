@@ -139,7 +139,7 @@ def evaluated_on(
     trees : sequence of Node
         With definitions expanded.
     states : mapping of str to ndarray, shape (k,)
-        Coordinates, velocities and first-order states, in recorded units.
+        Coordinates, velocities and first-order states, in recorded units: those at least that the expressions read.
     times : ndarray, shape (k,), s
     rows : ndarray of int, shape (k,)
         Along `step`, from which each step starts.
@@ -189,7 +189,7 @@ def evaluated_inside(
     """
     rows, following = ends
     regimes = columns["regime"][rows].astype(float) if "regime" in columns else np.zeros(rows.size)
-    inputs = {name: states[name] * float(unit.factor) for name, unit in model.units.items()}
+    inputs = {name: states[name] * float(model.units[name].factor) for name in states if name in model.units}
     inputs |= {"t": times, REGIME_NUMBER: regimes} | dict(parameters or {})
     if reactions(model):
         inputs |= modes_behind(model, columns, rows, following)

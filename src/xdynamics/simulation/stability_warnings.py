@@ -16,7 +16,7 @@ from xdynamics.methods import METHODS, Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.model.tangent_space import free_coordinates
-from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
+from xdynamics.stability import LinearSystem, fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -111,4 +111,5 @@ def _longest_stable_step(start: _Start, *, growth: float = 0.0) -> float:
     """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
     jacobian = _jacobian(start)
     assert jacobian is not None  # noqa: S101 - who asks has seen it
-    return stable_step_of(jacobian, start.method, start.model, growth=growth)
+    system = LinearSystem.of(jacobian, free_coordinates(start.model))
+    return stable_step_of(system, start.method, start.model, growth=growth)

@@ -1,5 +1,6 @@
 """The largest stable step of a method, from the lines of its update."""
 
+from xdynamics.stability.amplification import LinearSystem
 from xdynamics.stability.limits import (
     decay_limit,
     fastest_rate,
@@ -12,6 +13,7 @@ from xdynamics.stability.limits import (
 )
 
 __all__ = [
+    "LinearSystem",
     "decay_limit",
     "fastest_rate",
     "oscillator_limit",

@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import SCALARS, ConstraintImpulse, Evaluation, Line, Solve, TaylorSeries, VectorStatement
 from xdynamics.methods.method import Method
+from xdynamics.runtime.cached_properties import cached_property
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -23,6 +24,8 @@ Vectors = dict[str, Any]
 
 AT_REST = 1e-6  # a mode that one step changes by less says nothing: it is at rest, or far slower than the step
 SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero apart from round-off
+SAME_SHAPES = 1e-10  # damping between two modes, over the fastest rate, that is round-off
+WORST_SHAPES = 1e6  # condition of the matrix of modes, beyond which they are not told apart
 _ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,
@@ -37,10 +40,10 @@ class LinearSystem:
 
     Attributes
     ----------
-    acceleration : ndarray, shape (n, 2n + m)
-    rate : ndarray, shape (m, 2n + m)
-    eigenvalues : ndarray of complex, shape (2n + m,)
-        Set to zero where they are zero apart from round-off.
+    acceleration : ndarray, shape (…, n, 2n + m)
+    rate : ndarray, shape (…, m, 2n + m)
+    eigenvalues : ndarray of complex, shape (…, 2n + m)
+        Set to zero where they are zero apart from round-off; nan where a derivative is not finite.
     fastest : float, s-1
         Size of the fastest eigenvalue before time was scaled.
     """
@@ -51,19 +54,22 @@ class LinearSystem:
     fastest: float
 
     @classmethod
-    def of(cls, jacobian: Floats, coordinates: int) -> LinearSystem:
-        """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q."""
+    def of(cls, jacobian: Floats, coordinates: int, eigenvalues: Complexes | None = None) -> LinearSystem:
+        """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q; its eigenvalues may be known."""
         n = coordinates
-        eigenvalues = np.linalg.eigvals(jacobian) if jacobian.size else np.zeros(0)
-        fastest = float(np.max(np.abs(eigenvalues), initial=0.0))
+        found: Any = eigenvalues
+        if found is None:
+            known = jacobian.size and np.isfinite(jacobian).all()
+            found = np.linalg.eigvals(jacobian) if known else np.full(len(jacobian), np.nan)
+        fastest = float(np.max(np.abs(found), initial=0.0))
         time = 1.0 / fastest if fastest > 0.0 else 1.0
-        eigenvalues = np.where(np.abs(eigenvalues) < SLOWEST * fastest, 0.0, eigenvalues * time).astype(np.complex128)
+        scaled_values = np.where(np.abs(found) < SLOWEST * fastest, 0.0, found * time).astype(np.complex128)
         scaled = np.array(jacobian, dtype=np.float64)
         scaled[:n] *= time
         scaled[n:] *= time
         scaled[:, n : 2 * n] /= time
         scaled[n : 2 * n] *= time
-        return cls(scaled[n : 2 * n], scaled[2 * n :], eigenvalues, fastest)
+        return cls(scaled[n : 2 * n], scaled[2 * n :], scaled_values, fastest)
 
     @property
     def growing(self) -> NDArray[np.bool_]:
@@ -76,6 +82,42 @@ class LinearSystem:
         n = len(self.acceleration)
         return None if self.acceleration[:, n:].any() or self.rate.any() else -self.acceleration[:, :n]
 
+    @cached_property
+    def squares(self) -> Complexes | None:
+        """Squares of the frequencies of a system that has a stiffness."""
+        return None if self.stiffness is None else np.linalg.eigvals(self.stiffness).astype(np.complex128)
+
+    @cached_property
+    def modes(self) -> LinearSystem | None:
+        """Systems of one coordinate, along a first axis, that this one falls apart into; None if it does not, or has rates.
+
+        It does where damping has the modes of the stiffness, as c v has, and Rayleigh's of mass and stiffness.
+        """
+        n = len(self.acceleration)
+        if n < 2 or self.rate.size or not np.isfinite(self.fastest):
+            return None
+        stiffness, damping = -self.acceleration[:, :n], -self.acceleration[:, n:]
+        symmetric = np.array_equal(stiffness, stiffness.T)
+        solve: Callable[[Floats], tuple[Any, Any]] = np.linalg.eigh if symmetric else np.linalg.eig
+        squares, shapes = solve(stiffness)
+        if np.iscomplexobj(squares) or np.linalg.cond(shapes) > WORST_SHAPES:
+            return None
+        damped = np.linalg.solve(shapes, damping @ shapes)
+        own = damped.diagonal()
+        if np.abs(damped - np.diag(own)).max() > SAME_SHAPES:
+            return None
+        half = own / 2.0
+        root = np.sqrt((half * half - squares).astype(np.complex128))
+        eigenvalues = np.stack([-half - root, -half + root], axis=-1).astype(np.complex128)
+        eigenvalues[np.abs(eigenvalues) < SLOWEST] = 0.0
+        acceleration = np.stack([-squares, -own], axis=-1)[:, None, :]
+        return LinearSystem(acceleration, np.zeros((n, 0, 2)), eigenvalues, self.fastest)
+
+    def repeated(self, times: int) -> LinearSystem:
+        """Return systems along a first axis, each some times in a row."""
+        acceleration, rate = (np.tile(array, (times, 1, 1)) for array in (self.acceleration, self.rate))
+        return LinearSystem(acceleration, rate, np.tile(self.eigenvalues, (times, 1)), self.fastest)
+
 
 def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDArray[Any]:
     """Return the matrix that one step of each size applies to (q, v, x), by running the method's lines.
@@ -85,7 +127,8 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
     method : Method
     system : LinearSystem
     h : ndarray, shape (k,)
-        Steps, in the system's unit of time; complex ones give the stability function.
+        Steps, in the system's unit of time; complex ones give the stability function. Of k systems along a first axis
+        each takes one of them.
 
     Returns
     -------
@@ -96,7 +139,7 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
     Accelerations and rates at the start of the step are those of the state there. A method whose last evaluation is at
     another state must refuse the forces for which that makes a difference.
     """
-    n, m = len(system.acceleration), len(system.rate)
+    n, m = system.acceleration.shape[-2], system.rate.shape[-2]
     size = 2 * n + m
     start = np.eye(size)
     state = {"q": start[:n], "v": start[n : 2 * n], "x": start[2 * n :]}
@@ -164,17 +207,17 @@ def _run(lines: Iterable[Line], vectors: Vectors, system: LinearSystem) -> Vecto
 
 def _applied(system: LinearSystem, state: Sequence[Any]) -> tuple[Any, Any]:
     """Return accelerations and rates for coordinates, velocities and states."""
-    n = len(system.acceleration)
+    n = system.acceleration.shape[-2]
     places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
     return (
-        sum(system.acceleration[:, place] @ vector for place, vector in zip(places, state, strict=True)),
-        sum(system.rate[:, place] @ vector for place, vector in zip(places, state, strict=True)),
+        sum(system.acceleration[..., place] @ vector for place, vector in zip(places, state, strict=True)),
+        sum(system.rate[..., place] @ vector for place, vector in zip(places, state, strict=True)),
     )
 
 
 def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
     """Solve u = A u + b: the lines are linear, so they give b at u = 0, and A with all known vectors 0."""
-    n, m, k = len(system.acceleration), len(system.rate), len(vectors["h"])
+    n, m, k = system.acceleration.shape[-2], system.rate.shape[-2], len(vectors["h"])
     sizes = [m if name[0] == "x" else n for name in line.unknowns]
     cuts = np.cumsum(sizes)[:-1]
 

@@ -93,16 +93,15 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
     -----
     Modes that grow in the model itself may grow. If they oscillate, `oscillator_limit` is applied to their frequency.
     """
-    return stable_step_of(linearise(model, state).reduced, method, model, growth=growth)
+    system = LinearSystem.of(linearise(model, state).reduced, free_coordinates(model))
+    return stable_step_of(system, method, model, growth=growth)
 
 
-def stable_step_of(jacobian: Floats, method: Method, model: Model, *, growth: float = 0.0) -> float:
-    """Return the same as `stable_step` from a Jacobian that is already known, of the changes that keep constraints."""
-    coordinates = free_coordinates(model)
-    follows = treats_alike(method) or bool(coordinates) or not model.constraints
-    if method.refusals(model) or not (follows and np.isfinite(jacobian).all()):
+def stable_step_of(system: LinearSystem, method: Method, model: Model, *, growth: float = 0.0) -> float:
+    """Return the same as `stable_step` of the changes that keep constraints, whose linear system is known."""
+    follows = treats_alike(method) or bool(len(system.acceleration)) or not model.constraints
+    if method.refusals(model) or not (follows and np.isfinite(system.fastest)):
         return float(np.nan)
-    system = LinearSystem.of(jacobian, coordinates)
     if system.fastest == 0.0:
         return np.inf
     frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
@@ -208,17 +207,17 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     Notes
     -----
     For a method that treats all kinds of vector alike each eigenvalue is examined separately, and so are the modes of
-    q'' = -K q for every method; otherwise the factors of the full step are examined.
+    q'' = -K q - C v for every method, if C has them, too; otherwise the factors of the full step are examined.
     """
     creeping = rate > 0.0
     if treats_alike(method):
         kept = system.eigenvalues[~system.growing & (system.eigenvalues != 0.0)]
         return _largest_step(partial(_growth_along, method, kept, rate), 1.02, creeping=creeping)
-    if system.stiffness is not None:
-        squares = np.linalg.eigvals(system.stiffness)
-        if np.all(np.abs(squares.imag) < AT_REST):
-            fastest = float(np.max(squares.real, initial=0.0)) ** 0.5
-            return _oscillator_limit(method, rate / fastest) / fastest if fastest > SLOWEST else np.inf
+    if system.squares is not None and np.all(np.abs(system.squares.imag) < AT_REST):
+        fastest = float(np.max(system.squares.real, initial=0.0)) ** 0.5
+        return _oscillator_limit(method, rate / fastest) / fastest if fastest > SLOWEST else np.inf
+    if system.modes is not None:
+        return _largest_step(partial(_growth_of_modes, method, system.modes, rate), 1.02, creeping=creeping)
     ratio = 1.02 if len(system.eigenvalues) <= 16 else 1.1
     return _largest_step(partial(_growth, method, system, rate), ratio, creeping=creeping)
 
@@ -298,6 +297,13 @@ def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Flo
     growth = np.sort(growth, axis=1)
     growth[place >= growth.shape[1] - growing[:, None]] = -np.inf
     return np.asarray(np.max(growth, axis=1, initial=-np.inf))
+
+
+def _growth_of_modes(method: Method, modes: LinearSystem, rate: float, h: Floats) -> Floats:
+    """Return the same of systems of one coordinate each, along the first axis of `modes`."""
+    n = len(modes.acceleration)
+    growth = _growth(method, modes.repeated(len(h)), rate, np.repeat(h, n))
+    return np.asarray(growth.reshape(len(h), n).max(axis=1))
 
 
 def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:

@@ -19,6 +19,7 @@ from xdynamics.evidence.observables import comparable, evaluated_on, tree_of
 from xdynamics.expressions import Binary, Name, Node, dimension_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import parse_unit, spell
 
 if TYPE_CHECKING:
@@ -86,17 +87,25 @@ class _Watched:
         if self.name:
             recorded: Floats = np.asarray(run[self.name])[rows] * self.factor
             return recorded
-        states = {name: np.asarray(run[name])[rows] for name in model.units}
-        return evaluated_on(run, model, [self.tree], states, np.asarray(run["time"])[rows], rows)[0]  # type: ignore[list-item]
+        states = {name: run.variables[name].values[rows] for name in self.read(model)}
+        return evaluated_on(run, model, [self.tree], states, run.variables["time"].values[rows], rows)[0]  # type: ignore[list-item]
+
+    def read(self, model: Model) -> list[str]:
+        """Return the coordinates, velocities and states that its tree reads: of a momentum a few, of others maybe all."""
+        read = model.units if self.name or self.tree is None else model.reads(self.tree)
+        return [name for name in read if name in model.units]
 
 
 def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None) -> Iterator[tuple[str, Any]]:
     """Yield the drift of quantities that may be conserved, and ranges and drifts of momenta."""
     run, model = rows.run, rows.model
-    observables = comparable(model)
+    observables, cycles = comparable(model), list[_Cycle]()
+    if counted is not None and len(counted.times) >= 3 and not isinstance(rows, Unread):
+        times = counted.times.tolist()
+        cycles = [_Cycle(rows, begin, end, functions) for begin, end in (times[:2], times[-2:])]
     for name in with_roles(run, BANDED):
         units, tree = parse_unit(str(run[name].attrs["units"])), tree_of(model, name) if name in observables else None
-        drift, rule = _drift(rows, _Watched(name, tree, float(units.factor)), counted, functions)
+        drift, rule = _drift(rows, _Watched(name, tree, float(units.factor)), cycles)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
         yield key, ((), drift / float(units.factor), about(units.text, f"{name}: {rule}", ROLE))
     coordinates = list(model.coordinates)
@@ -111,7 +120,7 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
         low, high = _span(momentum.on(stretch, model, here) for stretch, here in rows.stretches())
         mass = dimension_of(model.expanded(model.statement.mass_entries[i, i]), model.dimensions)
         units = spell(mass * model.dimensions[schema.velocity(name)])
-        drift, rule = _drift(rows, momentum, counted, functions)
+        drift, rule = _drift(rows, momentum, cycles)
         yield (
             f"band_momentum_{name}",
             ((), high - low + 0.0, about(units.text, f"largest less least momentum of {name}, (M v)", ROLE)),
@@ -119,37 +128,53 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
         yield f"drift_momentum_{name}", ((), drift, about(units.text, f"momentum of {name}: {rule}", ROLE))
 
 
-def _drift(rows: Chunks, watched: _Watched, counted: Cycles | None, functions: Functions | None) -> tuple[float, str]:
+def _drift(rows: Chunks, watched: _Watched, cycles: Sequence[_Cycle]) -> tuple[float, str]:
     """Return the drift of a quantity, averaged over a cycle where there are cycles, and its rule in words."""
     if isinstance(rows, Unread):
         return np.nan, "mean over the last cycle less that over the first; without cycles, at the end less at the start"
-    if counted is None or len(counted.times) < 3:
+    if not cycles:
         run, ends = rows.near([0, rows.size - 1])
         first, last = watched.on(run, rows.model, ends)
         return float(last - first), "at the end less at the start"
-    times = counted.times.tolist()
-    first, last = (_mean(rows, watched, (a, b), functions) for a, b in (times[:2], times[-2:]))
+    first, last = (cycle.mean(watched) for cycle in cycles)
     return last - first, "mean over the last cycle less that over the first"
 
 
-def _mean(rows: Chunks, watched: _Watched, span: tuple[float, float], functions: Functions | None) -> float:
-    """Return the mean over time, by the trapezoidal rule over accepted states and states between them."""
-    begin, end = span
-    after, before = rows.count(np.array([begin]), "right"), rows.count(np.array([end]), "left")
-    run, _ = rows.near(np.arange(int(after[0]) - 1, int(before[0]) + 1))
-    model, time = rows.model, np.asarray(run["time"])
-    inner = np.flatnonzero((time > begin) & (time < end))
-    times = np.linspace(begin, end, MEANT + 1)
-    if watched.tree is None:
-        between = np.interp(times, time, watched.on(run, model, np.arange(time.size)))
-        numbers = np.searchsorted(time, times, side="right") - 1
-    else:
-        states = sampled(run, times, after=True, rule=REINTEGRATE, functions=functions)
-        numbers = np.asarray(states["row"])
-        (between,) = evaluated_on(
-            run, model, [watched.tree], {name: np.asarray(states[name]) for name in model.units}, times, numbers
-        )
-    order = np.lexsort((np.concatenate([numbers + 0.5, inner]), np.concatenate([times, time[inner]])))
-    values = watched.on(run, model, inner)
-    t, y = (np.concatenate(pair)[order] for pair in ((times, time[inner]), (between, values)))
-    return float(np.trapezoid(y, t) / (end - begin))
+class _Cycle:
+    """The accepted states of a cycle, and states between them.
+
+    Parameters
+    ----------
+    rows : Chunks
+    begin, end : float, s
+    functions : mapping, optional
+    """
+
+    def __init__(self, rows: Chunks, begin: float, end: float, functions: Functions | None) -> None:
+        after, before = rows.count(np.array([begin]), "right"), rows.count(np.array([end]), "left")
+        self._run, _ = rows.near(np.arange(int(after[0]) - 1, int(before[0]) + 1))
+        self._model, self._functions = rows.model, functions
+        self._time = np.asarray(self._run["time"])
+        self._inner = np.flatnonzero((self._time > begin) & (self._time < end))
+        self._times = np.linspace(begin, end, MEANT + 1)
+
+    @cached_property
+    def _between(self) -> xr.Dataset:
+        """States at times that a mean is taken over, found once for all quantities."""
+        return sampled(self._run, self._times, after=True, rule=REINTEGRATE, functions=self._functions)
+
+    def mean(self, watched: _Watched) -> float:
+        """Return the mean over time, by the trapezoidal rule over accepted states and states between them."""
+        run, model, time, times = self._run, self._model, self._time, self._times
+        if watched.tree is None:
+            between = np.interp(times, time, watched.on(run, model, np.arange(time.size)))
+            numbers = np.searchsorted(time, times, side="right") - 1
+        else:
+            states = {name: self._between.variables[name].values for name in watched.read(model)}
+            numbers = self._between.variables["row"].values
+            (between,) = evaluated_on(run, model, [watched.tree], states, times, numbers)
+        inner = self._inner
+        order = np.lexsort((np.concatenate([numbers + 0.5, inner]), np.concatenate([times, time[inner]])))
+        values = watched.on(run, model, inner)
+        t, y = (np.concatenate(pair)[order] for pair in ((times, time[inner]), (between, values)))
+        return float(np.trapezoid(y, t) / (times[-1] - times[0]))
