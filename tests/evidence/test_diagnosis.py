@@ -319,7 +319,7 @@ neighbours = 1
 [coordinates]
 u = {{ unit = "m", dims = ["site"] }}
 [mass]
-u = "1 kg"
+u = "kilogram"
 [forces.springs]
 over = "spring"
 potential = "2*newton/metre*(second(u, spring) - first(u, spring))**2"
