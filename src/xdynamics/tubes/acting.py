@@ -69,7 +69,7 @@ class Acting:
             If they start on both.
         """
         held = flow.problem.constants.at(flow.regime, float(flow.time[0]))
-        value, rate = self.crossings.functions.at_start(flow.time, flow.box, held).T
+        value, rate = self.crossings.over(flow.time, flow.box, held).T
         side = sign_of(value)
         if side == 0 and ((value[0] >= 0.0 and rate[0] > 0.0) or (value[1] <= 0.0 and rate[1] < 0.0)):
             side = sign_of(rate)  # it starts at zero, and leaves it
@@ -115,7 +115,7 @@ def first_passage(acting: Sequence[Acting], flow: Flow, proof: Proof) -> tuple[P
             raise UndefinedError(
                 f"whether every motion passes '{name}', and once, cannot be told: the set is too wide, or touches zero"
             )
-        return _before(unknown, acting, flow, proof), None
+        return _before(unknown, acting, flow, proof)
     together = [
         one
         for one, (_, first, _) in zip(acting, trials, strict=True)
@@ -141,15 +141,18 @@ def _done(together: Sequence[Acting], flow: Flow, proof: Proof, crossing: Crossi
     return passage(names, flow, proof, crossing, regimes[-1], resets[0] if resets else None, stops=stops)
 
 
-def _before(time: float, acting: Sequence[Acting], flow: Flow, proof: Proof) -> Proof:
+def _before(time: float, acting: Sequence[Acting], flow: Flow, proof: Proof) -> tuple[Proof, Passage | None]:
     """Let a step end where an event may begin to be passed, so that a whole step is left for it."""
     part = proof.cut(time)
-    for event in acting:
-        event.crossings, _, known = event.followed(part)
+    trials = [event.followed(part) for event in acting]
+    if any(first for _, first, _ in trials):  # in a shorter step zeros are told apart that were not
+        return first_passage(acting, flow, part)
+    for event, (trial, _, known) in zip(acting, trials, strict=True):
         if known < np.inf:
             raise UndefinedError(f"whether every motion passes '{event.name}' cannot be told")
+        event.crossings = trial
     flow.land(part.end, proof.seen(part.end), part.after)
-    return part
+    return part, None
 
 
 def _stay(other: Acting, passed: Passage) -> None:
@@ -177,7 +180,7 @@ def _take_side(event: Acting, passed: Passage) -> None:
         If that cannot be told.
     """
     crossing, before = passed.crossing, event.crossings
-    value, rate = before.functions.at_start(crossing.time, passed.between, passed.held).T
+    value, rate = before.over(crossing.time, passed.between, passed.held).T
     side = sign_of(value)
     if side == 0 and not event.moved:
         side = sign_of(rate)  # each was at zero when it passed

@@ -15,7 +15,7 @@ import numpy as np
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.flow import Proof
-from xdynamics.tubes.functions import Functions
+from xdynamics.tubes.functions import UNKNOWN, Functions
 
 DEEPEST, NARROWINGS, ENOUGH = 7, 30, 0.8  # halvings of a step; turns of Newton's method, while it takes so much off
 
@@ -74,6 +74,7 @@ class Crossings:
     _sign: int = 0
     _open: list[_Piece] = field(default_factory=list)
     _last: Proof | None = None
+    _signed: Proof | None = None
     _begun: bool = False
 
     def follow(self, proof: Proof) -> None:
@@ -92,10 +93,12 @@ class Crossings:
             if sign:
                 if not self._open and self._sign * sign < 0:
                     self.unknown_from = float(piece.time[0])  # it jumped
-                self._close(sign)
-                self._sign, self._open = sign, []
+                self._close(sign, proof)
+                self._sign, self._signed, self._open = sign, proof, []
             else:
                 self._open = [*self._open, piece]  # copies have lists of their own
+        if self.jumping and self._open:
+            self._conclude(proof)  # before it may jump
 
     @property
     def side(self) -> int:
@@ -109,7 +112,7 @@ class Crossings:
 
     def stand(self, side: int) -> None:
         """Take note that all motions are on one side of zero, or at zero and about to be."""
-        self._sign, self._open, self._begun = side, [], True
+        self._sign, self._signed, self._open, self._begun = side, None, [], True
 
     def side_over(self, time: Box, proof: Proof, between: Box, held: Floats) -> int:
         """Return the sign over an interval in which motions go over from a step's equations to others; 0 if it has both."""
@@ -119,21 +122,29 @@ class Crossings:
         """Return the sign of the rate over such an interval; 0 if it has both."""
         return sign_of(self._over(time, proof, between, held)[:, 1])
 
+    def over(self, time: Box, states: Box, held: Floats) -> Box:
+        """Return bounds of the function and of its rate over a box, shape (2, 2)."""
+        return _steady(self.functions.at_start(time, states, held))
+
     def _over(self, time: Box, proof: Proof, between: Box, held: Floats) -> Box:
-        before = self.functions.at_start(time, proof.at(time), proof.held)
-        return boxes.hull(before, self.functions.at_start(time, between, held))
+        return boxes.hull(self.over(time, proof.at(time), proof.held), self.over(time, between, held))
 
     def end(self) -> None:
         """Take note that no further step follows."""
-        if self._last is not None and (sign := sign_of(self.functions.within(self._last, self._last.end)[:, 0])):
-            self._close(sign)
-            self._open = []
+        if self._last is not None:
+            self._conclude(self._last)
         if self._open and self.unknown_from == np.inf:
             self.unknown_from = float(self._open[0].time[0])
 
+    def _conclude(self, proof: Proof) -> None:
+        """Decide what was before the end of a step, if the sign is known there."""
+        if sign := sign_of(self.functions.within(proof, proof.end)[:, 0]):
+            self._close(sign, proof)
+            self._sign, self._signed, self._open = sign, proof, []
+
     def _pieces(self, proof: Proof, time: Box, depth: int) -> Iterator[tuple[_Piece, int]]:
         """Yield parts of a step in turn: with the sign of the function, or 0 where it may be zero."""
-        value, rate = self.functions.within(proof, time).T
+        value, rate = _steady(self.functions.within(proof, time)).T
         middle = boxes.point(float(boxes.middle(time)))
         moved = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
         value = boxes.common(value, boxes.add(self.functions.within(proof, middle)[:, 0], moved))
@@ -144,12 +155,13 @@ class Crossings:
         for half in ((time[0], middle[0]), (middle[0], time[1])):
             yield from self._pieces(proof, np.array(half), depth - 1)
 
-    def _close(self, sign: int) -> None:
-        """Decide what was between the last known sign and a new one."""
+    def _close(self, sign: int, closing: Proof) -> None:
+        """Decide what was between the last known sign and a new one, in a step."""
         if not self._open or self.unknown_from < np.inf:
             return
         rates = {piece.rate for piece in self._open}
-        laws = {piece.proof.held.tobytes() for piece in self._open}
+        proofs = [piece.proof for piece in self._open] + [closing, self._signed or closing]
+        laws = {proof.held.tobytes() for proof in proofs}
         if len(rates) > 1 or (self.jumping and len(laws) > 1) or 0 in rates or (self._sign == 0 and sign not in rates):
             self.unknown_from = float(self._open[0].time[0])
         elif self._sign == 0:
@@ -183,6 +195,11 @@ class Crossings:
                 return found
             time = found
         return time
+
+
+def _steady(bounds: Box) -> Box:
+    """Return bounds of a function and its rate, which tells nothing where the function may jump: there it has no bounds."""
+    return bounds if np.isfinite(bounds[:, 0]).all() else np.concatenate([bounds[:, :1], UNKNOWN], axis=1)
 
 
 def sign_of(bounds: Box) -> int:

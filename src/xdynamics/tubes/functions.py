@@ -62,6 +62,8 @@ class Functions:
     def over(self, time: Box, states: Box, held: Floats) -> tuple[Box, Box]:
         """Return the values over a box, and their derivatives by the numbers of a set; infinite bounds where none is known.
 
+        A function that may jump among the values has no derivatives there either, be it level on either side.
+
         Returns
         -------
         ndarray, shape (2, count)
@@ -70,7 +72,10 @@ class Functions:
         self._time[:2], self._state[: self._used, :2] = time, states[:, : self._used].T
         self._constants.take(states, held)
         self._program.run()
-        return _known(self._values), _known(self._slopes)
+        values = _known(self._values)
+        slopes = _known(self._slopes)
+        slopes[:, ~np.isfinite(values).all(axis=0)] = UNKNOWN[..., None]
+        return values, slopes
 
     @np.errstate(all="ignore")
     def within(self, proof: Proof, time: Box) -> Box:

@@ -181,9 +181,10 @@ class _March:
         for crossings in recorded:
             follow_past(crossings, passed)
         if passed.stops:
-            part = proof.cut(begin) if begin > proof.begin[1] else proof
-            self.collected.add(part)
             self.stopped = passed.names[0]
+            part = proof.cut(max(begin, float(proof.begin[0])))
+            if begin > proof.begin[1]:  # else the first motion stops where the step begins
+                self.collected.add(part)
             return part
         go_on(self._flow, passed)
         self.changes += 1
