@@ -151,7 +151,7 @@ def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
     from xdynamics.archive.place import placed
-    from xdynamics.dynamics.shortened_steps import wanted_times
+    from xdynamics.dynamics.wanted_times import wanted_times
     from xdynamics.evidence.sampling import sample as states_at
     from xdynamics.interchange.csv_export import check_target, text_of, write
     from xdynamics.record.flag_words import time_unit

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.faults import InputError
 from xdynamics.schema import STEPS
-from xdynamics.units import SECONDS
+from xdynamics.units import SECONDS, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,3 +61,25 @@ class AcceptedTimes:
             part = self._time.isel({STEPS: slice(int(self._offsets[chunk]), int(self._offsets[chunk + 1]))})
             self._read[chunk] = np.asarray(part)
         return self._read[chunk]
+
+
+def located(accepted: AcceptedTimes, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Find the row from which each time's step starts, and the times at both ends of that step.
+
+    Raises
+    ------
+    InputError
+        If a time is outside the run.
+    """
+    first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
+    outside = np.flatnonzero((wanted < first) | (wanted > last))
+    if outside.size:
+        unit = unit_suffix(accepted.units)
+        raise InputError(
+            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
+            f" to {last!r}{unit}; a run is never extrapolated"
+        )
+    rows = accepted.count(wanted, "right") - 1
+    if not after:
+        rows = np.minimum(rows, accepted.count(wanted, "left"))
+    return rows, accepted.at(rows), accepted.at(np.minimum(rows + 1, len(accepted) - 1))

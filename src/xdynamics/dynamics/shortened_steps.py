@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
-from xdynamics.dynamics.accepted_times import AcceptedTimes
+from xdynamics.dynamics.accepted_times import AcceptedTimes, located
 from xdynamics.elementary import kept_set
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
@@ -28,19 +28,21 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.arguments import precision_of, scales_of
+from xdynamics.record.folding import model_dimensions
 from xdynamics.record.partial_records import RARE, log_description, rows_apart
 from xdynamics.record.provenance import interpolation, interpolation_orders
 from xdynamics.record.run_columns import state_name
+from xdynamics.record.unfolding import shapes_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import AT, AT_TIME, LEFT_OVER, STEPS
-from xdynamics.units import SECONDS, Range, Unit, is_range, time_in, unit_suffix
+from xdynamics.shapes.blocks import Block
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-MOST_TIMES = 100_000_000  # of a range
 ROUTE = (
     "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated"
     " with one: how far it is from the solution through that state"
@@ -96,14 +98,14 @@ class Inside:
         if not isinstance(functions, Mapping | None):
             raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
         inside = cls(run, functions or {}, rule, model)
-        units = {name: unit.text for name, unit in inside.model.units.items()}
-        for name in inside.layout.used:
+        for quantity in inside.quantities:
+            name, units = quantity.name, inside.model.units[quantity.first].text
             if name not in run.variables:
                 remedy = log_description(run.attrs) or "sample the whole record"
                 raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
-            if run.variables[name].attrs.get("units") != units[name]:
+            if run.variables[name].attrs.get("units") != units:
                 raise InputError(
-                    f"'{name}' is in {run.variables[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded;"
+                    f"'{name}' is in {run.variables[name].attrs.get('units')!r}, needs '{units}' as it was recorded;"
                     " convert what was sampled"
                 )
         return inside
@@ -141,13 +143,33 @@ class Inside:
         return self.settings.layout(self.model)
 
     @cached_property
+    def quantities(self) -> tuple[Block, ...]:
+        """What the record has a variable each for: of one with dimensions its quantities, else their elements."""
+        used = self.layout.used
+        return used.blocks if model_dimensions(self.run) else tuple(Block(name, "") for name in used)
+
+    @property
+    def takes_quantities(self) -> bool:
+        """Whether states can be evaluated from quantities with dimensions: all of their elements are there, in order."""
+        model, sizes, labels = self.model, model_dimensions(self.run), shapes_of(self.run).extents
+        extents = {extent.name: extent for block in self.layout.used.blocks for extent in block.extents}
+        return (
+            not (reactions(model) or model.delays)  # of which columns of elements tell more
+            and all(block.name in self.run.variables for block in self.layout.used.blocks)
+            and all(
+                sizes.get(dim) == self.run.sizes.get(dim) == extent.size and labels[dim].labels == extent.labels
+                for dim, extent in extents.items()
+            )
+        )
+
+    @cached_property
     def law(self) -> Law:
         """The compiled law."""
         return law_of(self.layout, sampled=self.settings.samples)
 
     def at(self, times: Floats, *, after: bool) -> xr.Dataset:
         """Evaluate the run at times within it, as `sampled` does: for those who ask again and again."""
-        return self.dataset(times, *_located(self._times, times, after=after))
+        return self.dataset(times, *located(self._times, times, after=after))
 
     @cached_property
     def _times(self) -> AcceptedTimes:
@@ -170,17 +192,22 @@ class Inside:
         """Return states and errors at times as a Dataset."""
         import xarray as xr
 
-        run, variables = self.run, {}
-        for i, (name, described, error, error_described) in enumerate(self._descriptions):
-            variables[name] = xr.Variable((AT,), numbers[i], described)
-            variables[error] = xr.Variable((AT,), numbers[len(self._descriptions) + i], error_described)
+        run, variables, size, first = self.run, {}, self.layout.used.size, 0
+        for quantity, (name, described, error, error_described) in zip(
+            self.quantities, self._descriptions, strict=True
+        ):
+            dims = (AT, *quantity.dims)
+            own, of_error, of_rest = (_along(numbers, k * size + first, quantity) for k in range(3))
+            first += quantity.size
+            variables[name] = xr.Variable(dims, own, described)
+            variables[error] = xr.Variable(dims, of_error, error_described)
             if self.layout.is_doubled:
                 left = {
                     "units": described["units"],
                     "long_name": f"what a float does not hold of {name}: the number is {name} + {schema.rest(name)}",
                     "role": LEFT_OVER,
                 }
-                variables[schema.rest(name)] = xr.Variable((AT,), numbers[2 * len(self._descriptions) + i], left)
+                variables[schema.rest(name)] = xr.Variable(dims, of_rest, left)
         time_attributes = {
             "units": str(run.variables["time"].attrs["units"]),
             "long_name": "wanted time",
@@ -196,14 +223,15 @@ class Inside:
 
     @cached_property
     def _descriptions(self) -> list[tuple[str, dict[str, Any], str, dict[str, Any]]]:
-        """Name and attributes of each state, and of its error."""
+        """Name and attributes of each quantity of the state, and of its error."""
         layout, scheme, descriptions = self.layout, self.settings.scheme, []
         orders = interpolation_orders(scheme, layout, self.rule)
-        for name in layout.used:
+        for quantity in self.quantities:
+            name = quantity.name
             recorded, error = self.run.variables[name].attrs, schema.error(name)
             rule = {
                 "interpolation": scheme.interpolation(self.rule),
-                "interpolation_order": orders[name],
+                "interpolation_order": orders[layout.used.block(name).name],
                 "ancillary_variables": error,
             }
             described = {key: recorded[key] for key in ("units", "long_name", "role")} | rule
@@ -214,7 +242,8 @@ class Inside:
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
         """Gather size, regime, contacts and initial state of every step; and its final state if the method needs it."""
         following = np.minimum(rows + 1, self.run.sizes[STEPS] - 1)
-        wanted = step_columns(self.model, self.settings, rows, following)
+        names = [quantity.name for quantity in self.quantities]
+        wanted = step_columns(self.model, self.settings, rows, following, names)
         return [self.run.variables[name].isel({STEPS: chosen}) for name, chosen in wanted]
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
@@ -257,7 +286,7 @@ class Inside:
     def defects(self, rows: NDArray[np.int64], parts: int) -> dict[str, Floats]:
         """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units."""
         time, used = np.asarray(self.run["time"]), self.layout.used
-        columns = np.stack([np.asarray(column) for column in self._columns(rows)])
+        columns = _stacked(self._columns(rows))
         n, first, doubled = len(used), 3 + self._touching, self.layout.is_doubled
         start, end = time[rows], time[rows + 1]
         inner = columns[first : first + n].copy()
@@ -279,15 +308,24 @@ class Inside:
     @cached_property
     def _factors(self) -> Floats:
         """Factors from internal numbers to those of the record."""
-        factors = record.factors(self.model, self.settings.scales)
-        return np.array([[factors[name]] for name in self.layout.used])
+        blocks, scales = self.layout.used.blocks, self.settings.scales
+        units = [self.model.units[block.first] for block in blocks]
+        factors = [scales.of(unit.dimension) / float(unit.factor) for unit in units]
+        return np.repeat(factors, [block.size for block in blocks])[:, np.newaxis]
 
 
 def step_columns(
-    model: Model, settings: Settings, rows: NDArray[np.int64], following: NDArray[np.int64]
+    model: Model,
+    settings: Settings,
+    rows: NDArray[np.int64],
+    following: NDArray[np.int64],
+    names: Sequence[str] | None = None,
 ) -> list[tuple[str, NDArray[np.int64]]]:
-    """Return the columns that `states_within` repeats steps from, each with its rows: of the start or of the end."""
-    used = tuple(settings.layout(model).used)
+    """Return the columns that `states_within` repeats steps from, each with its rows: of the start or of the end.
+
+    `names` are those of the record's variables of the state, if they are not of elements.
+    """
+    used = tuple(settings.layout(model).used if names is None else names)
     wanted = [("step_size", following)]
     wanted += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
     if settings.precision == DOUBLE_DOUBLE:
@@ -334,66 +372,27 @@ def _check_whole(where: Floats, steps: Floats, near: float, unit: str, every: in
         )
 
 
-def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
-    """Read requested times: numbers in the model's unit of time, texts, or a range like ``0:20:201 s``.
-
-    Raises
-    ------
-    InputError
-        If they are not times, or none.
-    """
-    if isinstance(times, str) and ":" in times:
-        if not is_range(times):
-            raise InputError(
-                f"times are {times[:60]!r}, need start:stop:count and a unit, count a whole number, like '0:20:201 s'"
-            )
-        span = Range.parse(times)
-        if span.unit.text != "1" and span.unit.dimension != unit.dimension:
-            raise InputError(f"times {times!r} are in '{span.unit.text}', need a time in '{unit.text}'")
-        if not 0 < span.count <= MOST_TIMES:
-            raise InputError(f"times {times!r} are {span.count}, need a count from 1 to {MOST_TIMES}")
-        times = np.linspace(span.start, span.stop, span.count) * float(span.unit.factor)
-    elif isinstance(times, str):
-        times = [time_in(unit, time, "times") for time in times.split(",")]
-    elif isinstance(times, list | tuple) and any(isinstance(time, str) for time in times):
-        times = [time_in(unit, time, "times") for time in times]
-    try:
-        if np.asarray(times).dtype == bool:
-            raise TypeError(times)  # noqa: TRY301 - answered right below
-        wanted = np.atleast_1d(np.asarray(times, dtype=float))
-    except (TypeError, ValueError):
-        raise InputError(f"times are {str(times)[:60]}, need numbers in '{unit.text}'") from None
-    if wanted.ndim != 1 or not wanted.size:
-        raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
-    if np.isnan(wanted).any():
-        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in '{unit.text}'")
-    return wanted
-
-
-def _located(accepted: AcceptedTimes, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Find the row from which each time's step starts, and the times at both ends of that step."""
-    first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
-    outside = np.flatnonzero((wanted < first) | (wanted > last))
-    if outside.size:
-        unit = unit_suffix(accepted.units)
-        raise InputError(
-            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
-            f" to {last!r}{unit}; a run is never extrapolated"
-        )
-    rows = accepted.count(wanted, "right") - 1
-    if not after:
-        rows = np.minimum(rows, accepted.count(wanted, "left"))
-    return rows, accepted.at(rows), accepted.at(np.minimum(rows + 1, len(accepted) - 1))
-
-
 def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:
     """Apply a function to stacked columns, lazily where they are lazy."""
     if not any(column.chunks for column in columns):
-        return function(where, np.stack([np.asarray(column) for column in columns]))
+        return function(where, _stacked(columns))
     import dask.array
 
     da: Any = dask.array  # its functions are not typed
 
-    stacked = da.stack([da.asarray(column.data) for column in columns]).rechunk({0: -1})
+    data = [da.asarray(column.transpose(STEPS, ...).data) for column in columns]
+    stacked = da.concatenate([part.reshape(len(part), -1).T for part in data]).rechunk({0: -1})
     places = da.from_array(where, chunks=(len(where), stacked.chunks[1]))
     return da.map_blocks(function, places, stacked, dtype=float, chunks=((height,), stacked.chunks[1]))
+
+
+def _stacked(columns: list[Any]) -> Floats:
+    """Return the numbers of some variables along `step`, a row for each of their elements."""
+    parts = [np.asarray(column.transpose(STEPS, ...)) for column in columns]
+    return np.concatenate([part.reshape(len(part), -1).T for part in parts])
+
+
+def _along(numbers: Any, first: int, quantity: Block) -> Any:
+    """Return the rows of a quantity as its values, its dimensions last."""
+    rows = numbers[first : first + quantity.size]
+    return rows.T.reshape(-1, *quantity.shape) if quantity.dims else rows[0] if len(rows) else rows

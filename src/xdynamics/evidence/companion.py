@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted_times
+from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
@@ -24,9 +25,10 @@ from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.record import check_kind, of_elements, shapes_of
+from xdynamics.record import check_kind, of_elements, shapes_of, whole_of
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.folding import model_dimensions
 from xdynamics.record.partial_records import is_whole, kind_description
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
@@ -80,7 +82,9 @@ class Tighter:
 
     def blank_beside(self, states: xr.Dataset) -> xr.Dataset:
         """Describe the global errors of sampled states that are described themselves."""
-        return _added(states, {name: states[name].values for name in _with_errors(states)}, self.factor, self.said)
+        return _added(
+            states, {name: states.variables[name].values for name in _with_errors(states)}, self.factor, self.said
+        )
 
 
 @dataclass(frozen=True)
@@ -107,11 +111,14 @@ class Companion:
         """Add global errors to sampled states; nan after the end of the tighter run."""
         times = states[AT_TIME].values
         reached = times <= float(self.run["time"][-1])
-        tight = sampled(self.run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
+        run = whole_of(self.run) if model_dimensions(self.of) else self.run
+        tight = sampled(run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
         errors = {}
         for name in _with_errors(states):
-            errors[name] = np.full(times.shape, np.nan)
-            errors[name][reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
+            errors[name] = np.full(states.variables[name].shape, np.nan)
+            errors[name][reached] = self.factor * (
+                states.variables[name].values[reached] - tight.variables[name].values
+            )
         return _added(states, errors, self.factor, self.said).assign_attrs(
             companion_digest=archive.digest_of_run(self.run)
         )
@@ -243,15 +250,14 @@ def _added(states: xr.Dataset, errors: Mapping[str, Floats], factor: float, said
     variables = {}
     for name, error in errors.items():
         text = f"error of {name} since the start: its difference from the run with {said}, times {factor:.6g}"
-        variables[global_error(name)] = xr.Variable(
-            (AT,), error, about(str(states[name].attrs["units"]), text, "error")
-        )
+        own = states.variables[name]
+        variables[global_error(name)] = xr.Variable(own.dims, error, about(str(own.attrs["units"]), text, "error"))
     return states.assign(variables).assign_attrs(companion=said)
 
 
 def _with_errors(states: xr.Dataset) -> list[str]:
     """Name the coordinates, velocities and states."""
-    return [str(key) for key in states.data_vars if schema.error(str(key)) in states]
+    return [str(key) for key in states.variables if schema.error(str(key)) in states.variables]
 
 
 def check_whole(run: xr.Dataset) -> None:

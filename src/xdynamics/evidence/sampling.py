@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import Inside, sampled, wanted_times
+from xdynamics import record
+from xdynamics.dynamics.shortened_steps import Inside, sampled
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
-from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.run_dataset import check_dataset
 from xdynamics.schema import AT, AT_TIME
 
@@ -28,7 +30,6 @@ Functions = Mapping[str, Callable[..., float]]
 SIDES = ("before", "after")
 
 
-@of_elements
 def sample(
     run: xr.Dataset,
     times: Sequence[float] | Floats | float | str,
@@ -101,6 +102,26 @@ def sample(
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
     if not isinstance(compute, bool | None):
         raise InputError(f"compute is {compute!r}, needs true or false")
+    if not model_dimensions(run):
+        return _states(run, times, side, rule, functions, companion=companion, compute=compute)
+    record.check_kind(run)
+    if not Inside(run, functions or {}, rule).takes_quantities:
+        return record.of_elements(_states)(run, times, side, rule, functions, companion=companion, compute=compute)
+    states = _states(run, times, side, rule, functions, companion=companion, compute=compute)
+    return labelled(fold(states, record.shapes_of(run)))
+
+
+def _states(
+    run: xr.Dataset,
+    times: Any,
+    side: str,
+    rule: str,
+    functions: Functions | None,
+    *,
+    companion: bool,
+    compute: bool | None,
+) -> xr.Dataset:
+    """Evaluate a run, of elements or of quantities with dimensions; see `sample`."""
     wanted = wanted_times(times, time_unit(run))
     if compute is False:
         return _described(run, wanted, side, rule, functions, companion=companion)
@@ -117,7 +138,7 @@ def _described(
     states = Inside.of(run, functions, rule).blank(len(wanted))
     states = states.assign_coords({AT_TIME: (AT, wanted, states[AT_TIME].attrs)})
     states = states if tighter is None else tighter.blank_beside(states)
-    call = partial(_in_task, wanted, side == "after", rule, functions, tighter)
+    call = partial(_in_task, wanted, side == "after", rule, functions, tighter, bool(model_dimensions(run)))
     needs = () if tighter is None else (tighter.task,)
     task = task_of_runs("sample", call, (run,), wanted.tolist(), side, rule, companion, needs=needs)
     return lazy(Stage(states, task, (AT_TIME,)))
@@ -129,9 +150,11 @@ def _in_task(
     rule: str,
     functions: Functions | None,
     tighter: Tighter | None,
+    of_quantities: bool,  # noqa: FBT001 - as before
     run: xr.Dataset,
     *marched: xr.Dataset,
 ) -> xr.Dataset:
     """Evaluate states in a task; of a run in chunks only those are read that are needed."""
+    run = record.whole_of(run) if of_quantities else run
     states = in_memory(sampled(run, wanted, after=after, rule=rule, functions=functions))
     return states if tighter is None else tighter.beside(run, marched[0], functions).beside(states)

@@ -187,10 +187,11 @@ def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
 
 
 def interpolation_orders(scheme: Scheme, layout: Layout, rule: str = REINTEGRATE) -> dict[str, int]:
-    """Return the order of the interpolation for every coordinate, velocity and state."""
-    orders = dict.fromkeys(layout.used, scheme.interpolation_order(rule))
+    """Return the order of the interpolation for every coordinate, velocity and state; one with dimensions has one order."""
+    orders = dict.fromkeys((block.name for block in layout.used.blocks), scheme.interpolation_order(rule))
     if rule == INTERPOLANT and scheme.interpolant.of_coordinates:
-        orders |= dict.fromkeys(layout.coordinates, scheme.interpolant.of_coordinates)
+        coordinates = (block.name for block in layout.coordinates.blocks)
+        orders |= dict.fromkeys(coordinates, scheme.interpolant.of_coordinates)
     return orders
 
 

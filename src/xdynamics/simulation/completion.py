@@ -83,7 +83,8 @@ def complete(
         model = Model.from_text(str(kept["model_toml"].values), functions=functions)
         settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
         whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
-        if differing := _first_other(record.unfold(kept), record.unfold(whole)):
+        # of a quantity some elements may have been kept: element by element only where whole ones differ
+        if _first_other(kept, whole) and (differing := _first_other(record.unfold(kept), record.unfold(whole))):
             raise ArchiveError(
                 f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']},"
                 f" '{differing}' gives other bits than those kept by {kept.attrs['xdynamics_version']}; see"
@@ -98,12 +99,12 @@ def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
     mine, theirs = (np.isin(own, other) for own, other in (numbers, numbers[::-1]))
     thinned = max(map(rows_apart, (kept.attrs, whole.attrs))) > 1
     for name, variable in kept.variables.items():
-        if variable.dims not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
+        if variable.dims[:1] not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
             continue
         if thinned and str(name).startswith("event_row"):  # rows of different records
             continue
-        values, others = (np.asarray(run[name].values) for run in (kept, whole))
-        if variable.dims == (STEPS,):
+        values, others = (np.asarray(run.variables[name].values) for run in (kept, whole))
+        if variable.dims[0] == STEPS:
             values, others = values[mine], others[theirs]
         if values.tobytes() != others.tobytes():
             return str(name)

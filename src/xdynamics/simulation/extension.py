@@ -41,6 +41,7 @@ from xdynamics.schema import (
     error,
     velocity,
 )
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.naming import parted
 from xdynamics.simulation.records import check_destination, kept_run, marched_record
 from xdynamics.units import TIME, parse_unit, time_in, unit_suffix
@@ -170,7 +171,9 @@ def _rows(kept: xr.Dataset, march: March) -> Iterator[tuple[str, Array]]:
 
 def _stand_behind(kept: xr.Dataset, march: March) -> None:
     """Set a march to where a run ended."""
-    kept = record.unfold(kept)
+    whole = kept
+    if march.layout.smooth or not {"event_energy_lost", "event_position"}.isdisjoint(kept.variables):
+        kept = record.unfold(kept)  # these are told of elements
     memory, numbers = str(kept[END_MEMORY.name].attrs["names"]), np.asarray(kept[END_MEMORY.name].values)
     rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
     if march.thinning:
@@ -195,14 +198,22 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     if recalled:
         return
     stride = march.witnesses.stride(rows)
-    columns = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
-    scale = march.settings.scales.of(TIME)
-    factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
-    witnesses = np.array([np.arange(0.0, rows, stride), *(entry / factors[name] for name, entry in columns.items())])
-    errors = np.empty((len(march.estimated), witnesses.shape[1]))
-    for i, name in enumerate(march.layout.used if march.estimated else ()):
-        errors[i] = kept[error(name)][::stride].values / factors[name]
-    march.witnesses.put(witnesses, errors)
+    scale, used = march.settings.scales.of(TIME), march.layout.used
+    times = [whole.variables[name].values[::stride] / scale for name in ("time", "step_size")]
+    witnesses = np.vstack([np.arange(0.0, rows, stride), *times, _states(whole, march, used, stride)])
+    estimated = used.renamed("error", error) if march.estimated else Blocks(())
+    march.witnesses.put(witnesses, _states(whole, march, estimated, stride))
+
+
+def _states(kept: xr.Dataset, march: March, names: Blocks, stride: int) -> Floats:
+    """Return every so many values of quantities that are as the state is, as the march has them, a row for each number."""
+    numbers = [np.empty((0, len(range(0, kept.sizes[STEPS], stride))))]
+    for block, own in zip(names.blocks, march.layout.used.blocks, strict=False):  # there may be no names
+        unit = march.model.units[own.first]
+        factor = march.settings.scales.of(unit.dimension) / float(unit.factor)
+        values = kept.variables[block.name].values[::stride]
+        numbers.append(values.reshape(len(values), -1).T / factor)
+    return np.concatenate(numbers)
 
 
 def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats]:
@@ -233,7 +244,9 @@ def _impacts_of(kept: xr.Dataset, march: March) -> EventEnergies:
     row, after = (kept[f"event_row_{item}"].values for item in ("before", "after"))
     speeds = np.zeros((march.layout.coordinates.size, row.size))
     for i, name in enumerate(march.layout.coordinates):
-        speed = np.abs(kept[velocity(name)].values) * float(parse_unit(kept[velocity(name)].attrs["units"]).factor)
+        speed = np.abs(kept.variables[velocity(name)].values) * float(
+            parse_unit(kept.variables[velocity(name)].attrs["units"]).factor
+        )
         speeds[i] = speed[row] + speed[after]
     return EventEnergies(
         kept["event_kind"].values,
@@ -250,7 +263,7 @@ def _impulses_of(kept: xr.Dataset, march: March) -> Floats:
     """Return the impulses of the events of a record, as a log has them."""
     model, count = march.model, kept.sizes[EVENTS]
     if not model.assemblies:
-        return np.array([kept[f"event_impulse_{name}"].values for name in march.layout.coordinates])
+        return np.array([kept.variables[f"event_impulse_{name}"].values for name in march.layout.coordinates])
     ends = []
     for end in ("first", "second"):
         for name, body in bodies(model).items():
@@ -282,7 +295,7 @@ def _recall_passed(kept: xr.Dataset, march: March) -> None:
     factors = {name: float(unit.factor) for name, unit in model.units.items()}
     for first in range(kept.sizes[STEPS] - ROWS, -ROWS, -ROWS):  # from the end, to where each was last away from zero
         rows = slice(max(first, 0), first + ROWS)
-        state = {name: kept[name].values[rows] * factors[name] for name in march.layout.used}
+        state = {name: kept.variables[name].values[rows] * factors[name] for name in march.layout.used}
         state |= {"t": kept["time"].values[rows], REGIME_NUMBER: kept["regime"].values[rows].astype(float)}
         trees = [tree for entry in smooth for tree in (entry.function, decides(model, entry))]
         values = evaluated_many(model, trees, state, constants(model), tables_of(model))

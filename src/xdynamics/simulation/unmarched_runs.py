@@ -19,6 +19,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.record.folding import fold, labelled
 from xdynamics.record.run_dataset import KNOWN_BEFORE
 from xdynamics.schema import AT, AT_TIME, CLOSED_LINKS, EVENTS, GIVEN_STEP, SAMPLES, STEPS, TRIALS
 from xdynamics.simulation.wanted_states import check_sampled, sampled_march, states_at
@@ -59,9 +60,12 @@ def unmarched_run(
     else:
         check_sampled(settings)
         task = Task.of("states", partial(_sampled, model, wanted), (task,), wanted.tolist())
-    states = Inside.of(record.described(march, {STEPS: 1}), model.functions, REINTEGRATE).blank(len(wanted))
+    run = record.described(march, {STEPS: 1})
+    states = Inside.of(run, model.functions, REINTEGRATE).blank(len(wanted))
     states = states.assign_coords({AT_TIME: (AT, wanted, states[AT_TIME].attrs)})
-    return lazy(Stage(_with_outcome(states), task, [AT_TIME]))
+    whole = labelled(fold(states, record.shapes_of(run)))
+    known = [AT_TIME, *(str(name) for name in whole.variables if name not in states.variables)]
+    return lazy(Stage(_with_outcome(whole), task, known))
 
 
 def _task(march: March, place: Place | None, memory: str | float | None) -> Task:

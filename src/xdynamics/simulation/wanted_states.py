@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, STATES

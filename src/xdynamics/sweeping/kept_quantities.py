@@ -335,7 +335,7 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: U
     InputError
         If words, times or occurrences cannot be used.
     """
-    from xdynamics.dynamics.shortened_steps import wanted_times
+    from xdynamics.dynamics.wanted_times import wanted_times
 
     row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)
     if not row or not all(isinstance(entry, str) for entry in row):

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.comparing.differences import compared
 from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
 from xdynamics.evidence.comparing.measured import is_measured

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.enclosing.enclosure_dataset import MODEL, enclosure_dataset
 from xdynamics.evidence.enclosing.parts import joined, parted
 from xdynamics.evidence.enclosing.tube import proven, unproven

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of, observe
