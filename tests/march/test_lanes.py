@@ -117,6 +117,7 @@ def driven() -> xd.Model:
         {"method": "dop853", "rtol": 1e-8},
         {"method": "heun", "step": 0.07},
         {"method": "taylor", "rtol": 1e-8},
+        {"method": "taylor", "rtol": 1e-8, "step": 0.01},
         {"method": "taylor", "step": 0.07, "order": 9},
     ],
 )

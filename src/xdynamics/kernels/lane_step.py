@@ -1,6 +1,6 @@
 """One ordinary step in every lane: aim, propose, judge and accept or reject, as `march.loop` does, without a branch.
 
-A step that is not ordinary (the end, an event, a step that cannot be shortened, a number that is not finite) changes
+The step to the end is reported too. A step that is not ordinary (an event, a step that cannot be shortened, a number that is not finite) changes
 nothing in its lane and is reported; the single march then makes it. So each line here performs the operations of one in
 `march.loop`, `march.acceptance` or `march.control`, in the same order, and a lane has the bits of a single run.
 """
@@ -56,7 +56,7 @@ _SIDE = (
 _ASLEEP = "silent{0} = silent*where(side > 1.5, 1, 0)"
 _READY = """
 advances = where(t + width > t, where(reach > t, 1, 0), 0)
-ready = lives*where(lands > inner, 0, 1)*advances*fits*where(done <= most, 1, 0)
+ready = lives*advances*fits*where(done <= most, 1, 0)
 """
 _JUDGE = """
 shorter = width*shrink
@@ -82,10 +82,10 @@ t = where(moves > 0, reach, t)
 h = where(moves > 0, width, h)
 grid = where(moves > 0, grid + counts, grid)
 on_grid = where(moves > 0, counts, on_grid)
-landed = where(moves > 0, lands, landed)
+landed = where(moves > 0, lands*inner, landed)
 done = done + moves + turns_back
 accepted = accepted + moves
-ordinary = where(moves + turns_back > 0, 1, 1 - lives)
+ordinary = where(moves + turns_back > 0, 1 - moves*where(lands > inner, 1, 0), 1 - lives)
 """
 _JUDGED = """
 norm = where(moves > 0, judged, norm)
@@ -96,7 +96,10 @@ step = where(moves > 0, next_step, where(turns_back > 0, shorter, step))
 step_log = where(moves > 0, next_log, step_log)
 rejected = where(moves > 0, 0, where(turns_back > 0, 1, rejected))
 """
-_PACE_FORESEEN = "step = foreseen"
+_PACE_FORESEEN = """
+step = foreseen
+first_step = where(first_step > 0, first_step, foreseen*moves)
+"""
 
 
 _AGAIN = "again = solved*where(rejected > 0, 1, where(before > 0, 0, 1))*where(judged_first <= 1, 0, 1)"

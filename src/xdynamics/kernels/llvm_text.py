@@ -71,8 +71,11 @@ def llvm_of(
         if entered is None or name in entered:
             text.append(_entry(name))
     # "prefer-vector-width": without it 16 lanes are split into vectors of 256 bits where 512 are available
-    text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
-    text.append('attributes #2 = { nounwind alwaysinline "prefer-vector-width"="512" }')
+    # "stackrealign": what registers do not hold is kept on the stack, and a vector of 64 bytes there would cross two lines
+    # of the cache each time that it is written or read
+    kinds = 'nounwind "prefer-vector-width"="512"' + (' alignstack=64 "stackrealign"' if lanes > 1 else "")
+    text.append(f"attributes #0 = {{ {kinds} }}")
+    text.append(f"attributes #2 = {{ alwaysinline {kinds} }}")
     return "\n".join(part for part in text if part) + "\n"
 
 

@@ -55,13 +55,20 @@ def land(run: Run) -> None:
     if on_grid:
         now.grid += 1
     if trial.landing in (AT_NODE, AT_BOTH):
-        now.node += 1
-        if now.node > run.nodes.shape[0]:
-            now.status = COMPLETED
-            for i in range(run.detectors.shape[0]):
-                if run.watches[i].ever == 0:
-                    now.status = EVENT_AT_ZERO
+        pass_node(run)
     now.on_grid = on_grid
+
+
+@compiled
+def pass_node(run: Run) -> None:
+    """Count a node; after the last one, the end, the run is complete."""
+    now = run.now[0]
+    now.node += 1
+    if now.node > run.nodes.shape[0]:
+        now.status = COMPLETED
+        for i in range(run.detectors.shape[0]):
+            if run.watches[i].ever == 0:
+                now.status = EVENT_AT_ZERO
 
 
 @compiled

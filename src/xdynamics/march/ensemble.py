@@ -305,7 +305,7 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
 
 def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:
     """Concatenate the pieces of the logs, or only the last rows."""
-    ends, pieces = np.concatenate([piece.ends for piece in parts]), [piece for part in parts for piece in part.logs]
+    ends, pieces = _beside([piece.ends for piece in parts], 0), [piece for part in parts for piece in part.logs]
     rows, flags, counts = [piece.rows for piece in pieces], [piece.flags for piece in pieces], ends["rows"]
     if not logs:
         rows, counts = [np.ascontiguousarray(piece.lasts.T) for piece in parts], np.ones(len(ends), np.int64)
@@ -324,18 +324,18 @@ def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tu
         law.layout,
         settings.scales,
         ends,
-        np.concatenate([piece.largest for piece in parts]),
+        _beside([piece.largest for piece in parts], 0),
         np.concatenate([piece.passed for piece in parts])[:, 1::3].astype(np.int64),
         LogBlock(log, log.rows.shape[1], 0, len(log.events), 0),
-        np.concatenate([piece.parameters for piece in parts]),
+        _beside([piece.parameters for piece in parts], 0),
         np.concatenate([[0], np.cumsum(ends["events"])]),
         np.concatenate([[0], np.cumsum(counts)]),
         columns,
     )
 
 
-def _beside(blocks: list[NDArray[Any]]) -> NDArray[Any]:
-    return blocks[0] if len(blocks) == 1 else np.hstack(blocks)
+def _beside(blocks: list[NDArray[Any]], axis: int = 1) -> NDArray[Any]:
+    return blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis)
 
 
 def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.lane_numbers import PLACES as L
 from xdynamics.kernels.program import REGIME
+from xdynamics.march.acceptance import pass_node
 from xdynamics.march.contacts.projection import choose
 from xdynamics.march.implicit.lanes import enter_kept, leave_kept
 from xdynamics.march.log import note
@@ -36,6 +37,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
     w[L.k, lane], w[L.safety, lane] = plan.order, plan.safety
     w[L.least, lane], w[L.greatest, lane] = plan.least, plan.greatest
     w[L.min_step, lane], w[L.max_step, lane], w[L.end, lane] = plan.min_step, plan.max_step, plan.end
+    w[L.first_step, lane] = now.first_step
     w[L.lives, lane], w[L.ordinary, lane] = 1.0, 1.0
     if waits(run):
         w[L.most, lane] = -1.0  # not a step for a lane
@@ -91,12 +93,13 @@ def waits(run: Run) -> bool:
 
 @borrowing
 def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
-    """Take a run out of its lane, so that the single march goes on from its state; its last row is written."""
+    """Take a run out of its lane, complete, or so that the single march goes on from its state; its last row is written."""
     now, used = run.now[0], run.plan[0].used
     accepted = np.int64(w[L.accepted, lane])
     rejected = np.int64(w[L.done, lane]) - now.rows - now.trials - accepted
     now.t, now.h, now.norm = w[L.t, lane], w[L.h, lane], w[L.norm, lane]
     now.step, now.step_log, now.rejected = w[L.step, lane], w[L.step_log, lane], np.int64(w[L.rejected, lane])
+    now.first_step = w[L.first_step, lane]
     now.grid, now.on_grid = np.int64(w[L.grid, lane]), np.int64(w[L.on_grid, lane])
     now.rows += accepted
     now.trials += rejected
@@ -125,6 +128,8 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     else:
         note(run, STEP, now.t, now.h, run.y)
     now.norm = w[L.tried, lane]
+    if w[L.inner, lane] == 0.0 and now.t == w[L.node, lane]:
+        pass_node(run)
 
 
 @borrowing

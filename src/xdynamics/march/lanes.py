@@ -1,7 +1,7 @@
 """Many runs side by side: each in a lane of vector code, which takes the next run when its own ends.
 
-`kernels.lane_step` makes ordinary steps in all lanes at once. Any other step is made by the run's own `Run` in the
-single march, from the same state, and the lane goes on after it: so each run is the same, to the bit, as alone.
+`kernels.lane_step` makes ordinary steps in all lanes at once. Any other step, and the start, is made by the run's
+own `Run` in the single march, from the same state, and the lane goes on after it: so each run is the same, to the bit, as alone.
 """
 
 from __future__ import annotations
@@ -184,7 +184,8 @@ def serve(
         return False
     if members[lane] != NONE:
         leave(run, y, before, w, lane)
-        go_on(run, march_at, address, members[lane], standing, keeping)
+        if run.now[0].status == RUNNING:
+            go_on(run, march_at, address, members[lane], standing, keeping, 1)
         hand_out(run, members[lane], standing, events)
     while members[lane] == NONE or run.now[0].status != RUNNING:
         if members[lane] != NONE:
@@ -200,7 +201,9 @@ def serve(
         begin(run, given[0], given[1], given[2], given[3], members[lane])
         base = run.base[0]
         base.rows, base.trials, base.events, base.samples = 0, 0, 0, 0
-        go_on(run, march_at, address, members[lane], standing, keeping)
+        # a first step that was given is not the one that series foresee
+        given_step = run.plan[0].series > 0 and run.plan[0].first_step > 0.0
+        go_on(run, march_at, address, members[lane], standing, keeping, 1 if given_step else 0)
         hand_out(run, members[lane], standing, events)
         standing[FOLLOWING] += 1
     enter(run, blocks, lane)
@@ -239,14 +242,14 @@ def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: i
 
 
 @borrowing
-def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, keeping: Any) -> None:
-    """Make a step by the single march, and further ones while forces change at a node, or contacts hold.
+def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, keeping: Any, steps: int) -> None:
+    """Make steps by the single march, and further ones while forces change at a node, or contacts hold.
 
     Also after a step with an event: another is often near, and entering and leaving a lane costs five steps.
     """
     now, first, room = run.now[0], run.now[0].rows, keeping[1].shape[0] - run.log_flags.shape[1]
     met = now.events
-    march_by(march_at, address, 1)
+    march_by(march_at, address, steps)
     while now.status == RUNNING and (now.events > met or waits(run)) and has_room(run):
         take_noted(run, first, member, standing, keeping)
         first, met = now.rows, now.events

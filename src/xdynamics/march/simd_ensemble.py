@@ -12,7 +12,7 @@ from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.kernels.interval_program import can_be_watched
 from xdynamics.kernels.lane_numbers import LANE, lane_width, noted_width, of_collocation
-from xdynamics.kernels.machine import vector_lanes
+from xdynamics.kernels.machine import aligned_zeros, vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
@@ -99,12 +99,10 @@ def march_abreast(
 
 def _blocks(run: Run, layout: Layout, memory: int, lanes: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of a step in lanes."""
-    blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
-    blocks["before"], blocks["noted"] = np.zeros_like(blocks["y"]), np.zeros((noted_width(layout), lanes))
-    return blocks | {
-        "pieces": np.zeros((len(run.places), lanes), np.int64),
-        "w": np.zeros((lane_width(layout, memory), lanes)),
-    }
+    sizes = {name: len(getattr(run, name)) for name in ("at", "y", "p", "z", "e")}
+    sizes |= {"before": sizes["y"], "noted": noted_width(layout), "w": lane_width(layout, memory)}
+    blocks = {name: aligned_zeros(size * lanes).reshape(size, lanes) for name, size in sizes.items()}
+    return blocks | {"pieces": np.zeros((len(run.places), lanes), np.int64)}
 
 
 class _Rows(NamedTuple):
