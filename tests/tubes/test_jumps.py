@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.evidence.enclosing import tube as tube_module
+from xdynamics.evidence.enclosing.parts import joined
 from xdynamics.tubes import Flow, Proof
 from xdynamics.tubes.acting import Acting
 from xdynamics.tubes.crossings import Crossing, Crossings
@@ -97,3 +99,22 @@ def test_zero_that_is_told_apart_in_a_shorter_step(monkeypatch: pytest.MonkeyPat
     assert cut
     assert tube.attrs["outcome"] == "completed"
     assert tube.attrs["proven_until"] <= 0.8375
+
+
+def test_zeros_that_some_pass_at_once() -> None:
+    """Assert that it is said until when zeros are not counted of a set that starts on both sides, and up to when of a proof."""
+    tube = xd.enclose(drifting(event="x - 0.1*metre"), until="3 s")
+    assert tube.sizes["event"] == 0
+    words = re.search("or pass zero before t = ([0-9.]+) s, which is not counted", tube.attrs["events_text"])
+    assert words is not None
+    assert 0.5 <= float(words[1]) <= 1.0
+    ended = xd.enclose(drifting(event="x - 1.1*metre", action="stop"), until="3 s", at=["1 s", "3 s"])
+    until = ended.attrs["proven_until"]
+    assert f"passes 'met' 0 times in its direction up to t = {until!r} s" in ended.attrs["events_text"]
+
+
+def test_changes_of_parts() -> None:
+    """Assert that no number of changes is told where parts of a set end with different ones."""
+    tube = tube_module.unproven(drifting(), [1.0])
+    assert joined([replace(tube, changes=1), tube]).changes == 0
+    assert joined([replace(tube, changes=2)] * 2).changes == 2

@@ -59,8 +59,9 @@ class Crossings:
     fine : bool
         Whether a part of a step in which there may be a zero is to be as short as can be.
     found : list of Crossing
-    begun_at_zero : bool
-        Whether the function may be zero at the start.
+    begun_until : float
+        The time by which all motions of a set that may have been zero at the start, or a part on either side, are on one
+        side: what they pass before is not counted. Minus infinity where they start on one side.
     unknown_from : float
         The time from which zeros are not known; infinite where all are.
     """
@@ -69,7 +70,7 @@ class Crossings:
     jumping: bool = False
     fine: bool = False
     found: list[Crossing] = field(default_factory=list)
-    begun_at_zero: bool = False
+    begun_until: float = -np.inf
     unknown_from: float = np.inf
     _sign: int = 0
     _open: list[_Piece] = field(default_factory=list)
@@ -165,7 +166,7 @@ class Crossings:
         if len(rates) > 1 or (self.jumping and len(laws) > 1) or 0 in rates or (self._sign == 0 and sign not in rates):
             self.unknown_from = float(self._open[0].time[0])
         elif self._sign == 0:
-            self.begun_at_zero = True
+            self.begun_until = float(self._open[-1].time[1])
         elif self._sign != sign:
             self.found.append(self._crossing(sign > 0))
 

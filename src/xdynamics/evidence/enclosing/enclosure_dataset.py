@@ -69,7 +69,8 @@ def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any
         "solver_parts": (tube.parts, about("1", "parts that the set was cut into", "count")),
     }
     if tube.events:
-        said = " ".join(_said(event, suffix) for event in tube.events)
+        proven = tube.reached if tube.reason else np.inf
+        said = " ".join(_said(event, proven, suffix) for event in tube.events)
         found["events_text"] = said, about("1", "what is known of zeros of events", "rule")
     return found
 
@@ -148,14 +149,16 @@ def _listed(intervals: list[Box], missing: int) -> Box:
     return np.array([*intervals, *[np.full(2, np.nan)] * missing]).reshape(-1, 2).T
 
 
-def _said(event: EventBounds, suffix: str) -> str:
-    """Say what is known of the zeros of an event."""
+def _said(event: EventBounds, proven: float, suffix: str) -> str:
+    """Say what is known of the zeros of an event up to a time."""
     crossings = event.crossings
     text = f"Every motion passes '{event.name}' {len(event.counted)} times in its direction"
     if crossings.unknown_from < np.inf:
         text += f" before t = {crossings.unknown_from!r}{suffix}, after which a zero could not be told from none"
-    if crossings.begun_at_zero:
-        text += "; it may be zero at the start, which is not counted"
+    elif proven < np.inf:
+        text += f" up to t = {proven!r}{suffix}"
+    if (until := crossings.begun_until) > -np.inf:
+        text += f"; it may be zero at the start, or pass zero before t = {until!r}{suffix}, which is not counted"
     return text + "."
 
 

@@ -39,7 +39,9 @@ def joined(tubes: Sequence[Tube]) -> Tube:
     low, high = (np.stack([tube.bounds[side] for tube in tubes]) for side in range(2))
     bounds = np.stack([low.min(axis=0), high.max(axis=0)])  # nan where one is
     events = [_event(same) for same in zip(*(tube.events for tube in tubes), strict=True)]
-    return replace(first, bounds=bounds, events=events, steps=sum(tube.steps for tube in tubes), parts=len(tubes))
+    steps, changes = sum(tube.steps for tube in tubes), {tube.changes for tube in tubes}
+    same = changes.pop() if len(changes) == 1 else 0  # else some motions are changed more often than others
+    return replace(first, bounds=bounds, events=events, steps=steps, parts=len(tubes), changes=same)
 
 
 def _event(parts: Sequence[EventBounds]) -> EventBounds:
@@ -49,8 +51,8 @@ def _event(parts: Sequence[EventBounds]) -> EventBounds:
     beyond = [crossings.found[len(found)].time[0] for crossings in many if len(crossings.found) > len(found)]
     unknown = min([crossings.unknown_from for crossings in many] + [float(time) for time in beyond], default=inf)
     known = [crossing for crossing in found if crossing.time[1] < unknown]
-    begun = any(crossings.begun_at_zero for crossings in many)
-    return replace(event, crossings=replace(event.crossings, found=known, begun_at_zero=begun, unknown_from=unknown))
+    begun = max(crossings.begun_until for crossings in many)
+    return replace(event, crossings=replace(event.crossings, found=known, begun_until=begun, unknown_from=unknown))
 
 
 def _common(parts: Sequence[Sequence[Crossing]]) -> Iterator[Crossing]:
