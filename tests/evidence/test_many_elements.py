@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.evidence import observables
 
 CHAIN = """
 name = "chain"
@@ -76,6 +78,71 @@ def test_variables_are_of_quantities(name: str, monkeypatch: pytest.MonkeyPatch)
         VERBS[name](run)
         counts.append(len(made))
     assert counts[1] == counts[2] > 0
+
+
+LOOKING_UP: dict[str, Callable[[xr.Dataset, Path], Any]] = {
+    "compare": lambda run, _: xd.compare(run, xd.simulate(model_of(run), step="0.05 s"), times=TIMES),
+    "refine": lambda run, _: xd.refine(model_of(run), steps=["0.2 s", "0.1 s", "0.05 s"], at=["0.4 s"]),
+    "plot": lambda run, folder: xd.plot(run, folder / "chain.png"),
+}
+
+
+@pytest.mark.parametrize("name", ["compare", "refine", pytest.param("plot", marks=pytest.mark.dear)])
+def test_variables_are_looked_up_at_once(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that no element is taken from a Dataset by its name, each of which would walk over all variables."""
+    looked_up = []
+    original = xr.Dataset.__getitem__
+
+    def counted(self: Any, key: Any) -> Any:
+        looked_up.append(key)
+        return original(self, key)
+
+    monkeypatch.setattr(xr.Dataset, "__getitem__", counted)
+    counts = []
+    for n in (FEW, MANY):
+        run = chain(n)
+        looked_up.clear()
+        LOOKING_UP[name](run, tmp_path)
+        counts.append(len(looked_up))
+    assert counts[0] >= counts[1] > 0
+
+
+OBSERVED = (
+    CHAIN
+    + """
+[observables]
+span = "max(u, site) - min(u, site)"
+squares = "u*u"
+second_one = "u[2]*t/second + sum(u[1]*index(site), site)"
+"""
+)
+
+
+def test_observables_of_quantities_have_the_bits_of_their_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that values and errors of energies and observables are those of one element after the other."""
+    run = xd.simulate(xd.Model.from_text(OBSERVED.format(n=FEW)))
+    finer = xd.simulate(model_of(run), step="0.03 s")
+    whole = xd.compare(run, finer)
+    with monkeypatch.context() as changed:
+        changed.setattr(observables.ObservedQuantities, "of", lambda *_: None)
+        single = xd.compare(run, finer)
+    for name in ("kinetic_energy", "potential_energy", "total_energy", "span", "squares", "second_one"):
+        for kind in ("difference", "interpolation_error"):
+            key = f"{kind}_{name}"
+            assert whole[key].values.tobytes() == single[key].values.tobytes(), key
+            assert np.abs(whole[key]).max() > 0.0
+
+
+def test_energies_are_evaluated_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the energy of a chain is not taken apart into the terms of its elements."""
+
+    def refused(*_: Any, **__: Any) -> None:
+        raise AssertionError
+
+    run = chain(FEW)
+    finer = xd.simulate(model_of(run), step="0.03 s")
+    monkeypatch.setattr(observables, "evaluated_on", refused)
+    assert "difference_total_energy" in xd.compare(run, finer)
 
 
 def test_states_at_times_are_described_with_their_dimensions() -> None:

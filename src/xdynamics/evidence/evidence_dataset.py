@@ -52,7 +52,8 @@ def exhibit(
     import xarray as xr
 
     coordinates = [name for name in (AT_TIME, "time") if name in variables]
-    dataset = xr.Dataset({name: xr.Variable(*variable) for name, variable in variables.items()}).set_coords(coordinates)
+    own = {name: xr.Variable(*variable) for name, variable in variables.items()}
+    dataset = xr.Dataset(_told(own) if shapes.dims else own).set_coords(coordinates)
     header = {
         "Conventions": CONVENTIONS,
         "title": spoken(title),
@@ -62,24 +63,22 @@ def exhibit(
         RUNS: " ".join(runs),
     }
     if shapes.dims:
-        dataset, attributes = fold(_told(dataset), shapes), _told_attributes(attributes)
+        dataset, attributes = fold(dataset, shapes), _told_attributes(attributes)
         header |= {key: entry for key, entry in dataset.attrs.items() if key == MODEL_DIMENSIONS}
     dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
     return archive.marched(dataset, unchanged)
 
 
-def _told(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a Dataset whose texts name elements as people write them."""
+def _told(variables: dict[str, xr.Variable]) -> dict[str, xr.Variable]:
+    """Return variables whose texts name elements as people write them."""
     texts = {
-        name: (
-            variable.dims,
-            np.array([spoken(text) for text in variable.values.ravel().tolist()]).reshape(variable.shape),
-            variable.attrs,
+        name: variable.copy(
+            data=np.array([spoken(text) for text in variable.values.ravel().tolist()]).reshape(variable.shape)
         )
-        for name, variable in dataset.variables.items()
+        for name, variable in variables.items()
         if variable.dtype.kind == "U" and variable.chunks is None and name != "model_toml"
     }
-    return dataset.assign(texts) if texts else dataset
+    return variables | texts
 
 
 def _told_attributes(attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.elementary import kept_set
+from xdynamics.evidence.observed_quantities import ObservedQuantities
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.faults import InputError
@@ -40,12 +41,12 @@ def observables_of(model: Model) -> tuple[str, ...]:
 
 def comparable(model: Model) -> tuple[str, ...]:
     """Name what can be observed without accelerations, which contacts change within a step."""
-    layout = layout_of(model)
-    accelerations = {*layout.accelerations} if reactions(model) else set()
+    layout, observables = layout_of(model), observables_of(model)
+    if not reactions(model):
+        return observables
+    accelerations = {*layout.accelerations}
     return tuple(
-        name
-        for name in observables_of(model)
-        if name in layout.used or not free_names(layout.derived[name]) & accelerations
+        name for name in observables if name in layout.used or not free_names(layout.derived[name]) & accelerations
     )
 
 
@@ -59,30 +60,38 @@ def observe(
     InputError
         If a name is not an observable of the model, or a time is outside the run.
     """
-    observables = observables_of(model)
+    observables = dict.fromkeys(observables_of(model))
     for name in names:
         if name not in observables:
             raise InputError(
                 f"observable '{name}' is none of the model's; there are {', '.join(of_wholes(observables))}"
             )
     states = sample(run, times, rule=rule, functions=model.functions)
-    values = {name: (states[name].values, states[schema.error(name)].values) for name in names if name in states}
+    columns = states.variables
+    values = {name: (columns[name].values, columns[schema.error(name)].values) for name in names if name in columns}
     return values | _derived(run, model, [name for name in names if name not in states], states)
 
 
 def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
     """Evaluate energies and declared observables, and how much the error of each state variable moves them."""
     layout = layout_of(model)
-    trees = [layout.derived[name] for name in names]
-    if changed := [name for name in names if name not in comparable(model)]:
+    known = {*comparable(model)}
+    if changed := [name for name in names if name not in known]:
         raise InputError(
             f"observable '{changed[0]}' reads accelerations, which contacts change; ask for what it is made of"
         )
     if not names:
         return {}
     rows, times = states["row"].values, states[schema.AT_TIME].values
-    at = {variable: states[variable].values for variable in layout.used}
-    off = {variable: states[schema.error(variable)].values for variable in layout.used}
+    at = {variable: states.variables[variable].values for variable in layout.used}
+    off = {variable: states.variables[schema.error(variable)].values for variable in layout.used}
+    units = np.array([[float(parse_unit(str(run.variables[name].attrs["units"])).factor)] for name in names])
+    regimes = run.variables["regime"].values[rows].astype(float) if "regime" in run.variables else np.zeros(rows.size)
+    whole = ObservedQuantities.of(model, names, times, regimes, kept_set(run.attrs.get("math_functions")))
+    if whole is not None:
+        values, errors = whole.with_errors(at, off)
+        return dict(zip(names, zip(values / units, errors / units, strict=True), strict=True))
+    trees = [layout.derived[name] for name in names]
 
     def evaluated(state: Mapping[str, Floats]) -> Floats:
         return np.stack(evaluated_on(run, model, trees, state, times, rows))
@@ -94,7 +103,6 @@ def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset
         if off[variable].any()
     )
     errors = sum(moved, np.zeros(values.shape))
-    units = np.array([[float(parse_unit(str(run[name].attrs["units"])).factor)] for name in names])
     return dict(zip(names, zip(values / units, errors / units, strict=True), strict=True))
 
 

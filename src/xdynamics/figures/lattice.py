@@ -69,7 +69,7 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
     unit, size = long_unit(run["time"])
     for row, shade in zip(rows, shades, strict=True):
-        values = [float(run[element][row]) for element in elements]
+        values = [float(run.variables[element].values[row]) for element in elements]
         axes.plot(
             range(len(values)),
             values,

@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 _VALUE = "_value_{}"  # of a part that goes along dimensions
 
 
-def evaluate_elements(node: Node, dims: tuple[str, ...], values: Mapping[str, Any], shapes: Shapes) -> Array:
+def evaluate_elements(
+    node: Node, dims: tuple[str, ...], values: Mapping[str, Any], shapes: Shapes, beside: str = ""
+) -> Array:
     """Return the values of an expression at every element.
 
     Parameters
@@ -34,6 +36,8 @@ def evaluate_elements(node: Node, dims: tuple[str, ...], values: Mapping[str, An
     values : mapping of str to float or ndarray
         A number for every name; of one with dimensions an array along them.
     shapes : Shapes
+    beside : str
+        A dimension of values of which the expression knows nothing, as of many states: the last of theirs.
 
     Returns
     -------
@@ -44,7 +48,7 @@ def evaluate_elements(node: Node, dims: tuple[str, ...], values: Mapping[str, An
     InputError
         If a name has no value.
     """
-    walk = _Walk(values, shapes)
+    walk = _Walk(values, shapes, beside)
     whole = np.asarray(walk.value(node), float)
     shape = [shapes.extent(dim).size if dim in dims else 1 for dim in walk.axes]
     spread = np.broadcast_to(whole, shape).reshape(
@@ -57,8 +61,8 @@ def evaluate_elements(node: Node, dims: tuple[str, ...], values: Mapping[str, An
 class _Walk:
     """Evaluates parts as arrays with an axis for each dimension and relation, of length 1 where they do not vary."""
 
-    def __init__(self, values: Mapping[str, Any], shapes: Shapes) -> None:
-        self.values, self.shapes = dict(values), shapes
+    def __init__(self, values: Mapping[str, Any], shapes: Shapes, beside: str) -> None:
+        self.values, self.shapes, self.beside = dict(values), shapes, beside
         self.axes = (*shapes.relations, *shapes.extents)
 
     def value(self, node: Node) -> Any:
@@ -71,8 +75,7 @@ class _Walk:
             case Name() if node.name in self.shapes.dims and node.name in self.values:
                 return self._kept(self._placed(np.asarray(self.values[node.name]), self.shapes.dims[node.name]))
             case Element() if node.name in self.values:
-                place = tuple(element_numbers(node, self.shapes).values())
-                return self._kept(np.asarray(self.values[node.name])[place])
+                return self._kept(self._element(node))
             case Negative():
                 return replace(node, operand=self._replaced(node.operand))
             case Binary():
@@ -94,6 +97,14 @@ class _Walk:
         name = _VALUE.format(len(self.values))
         self.values[name] = value
         return Name(name)
+
+    def _element(self, node: Element) -> Any:
+        """Return the value of one element."""
+        dims = self.shapes.dims.get(node.name, ())
+        known = tuple(dim for dim in dims if dim != self.beside)
+        place = element_numbers(node, replace(self.shapes, dims={node.name: known}))
+        taken = np.asarray(self.values[node.name])[tuple(place.values())]
+        return taken if dims == known else self._placed(taken, (self.beside,))
 
     def _placed(self, values: Any, dims: tuple[str, ...]) -> Any:
         """Return values along some dimensions with every axis."""

@@ -235,7 +235,7 @@ def _earliest(
 ) -> str:
     """Describe the first difference: along `step` if there is one, else in any variable, else in a setting."""
     apart = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
-    along = [(row, name) for row, name in apart if name in first and STEPS in first[name].dims]
+    along = [(row, name) for row, name in apart if name in first.variables and STEPS in first.variables[name].dims]
     if not apart:
         return f"attribute {settings[0]}"
     row, name = min(along or apart, key=lambda pair: pair[0])

@@ -48,12 +48,12 @@ def compared(first: xr.Dataset, second: xr.Dataset, times: Floats | None, functi
     """
     at = common_times(first, second) if times is None else times
     names = shared_names(first, second)
-    lazy = any(run[name].chunks is not None for run in (first, second) for name in ("time", *names))
+    lazy = any(run.variables[name].chunks is not None for run in (first, second) for name in ("time", *names))
     samples = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
     variables: dict[str, Any] = {AT_TIME: wanted(first, at)}
     for name in names:
         variables |= difference_of(
-            name, *(run[name] for run in (first, second)), *(entry.get(name) for entry in samples)
+            name, *(run.variables[name] for run in (first, second)), *(entry.get(name) for entry in samples)
         )
     digests = [archive.digest_of_run(run) for run in (first, second)]
     if lazy:
@@ -139,15 +139,17 @@ def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     roles = ("coordinate", "velocity", "state", "energy", "observable")
     names = [
         str(name)
-        for name, variable in first.data_vars.items()
+        for name, variable in first.variables.items()
         if variable.attrs.get("role") in roles
-        and name in second.data_vars
-        and variable.dims == second[name].dims == (STEPS,)
+        and name not in first.coords
+        and name in second.variables
+        and name not in second.coords
+        and variable.dims == second.variables[name].dims == (STEPS,)
     ]
     if not names:
         raise InputError("the runs have no coordinate, velocity, state or observable in common")
     for name in names:
-        units = [parse_unit(str(run[name].attrs["units"])) for run in (first, second)]
+        units = [parse_unit(str(run.variables[name].attrs["units"])) for run in (first, second)]
         if units[0].dimension != units[1].dimension:
             raise InputError(f"'{name}' is in '{units[0].text}' in one run and '{units[1].text}' in the other")
     return names
@@ -178,7 +180,7 @@ def _rest(states: xr.Dataset | None, name: str) -> Any:
 
 
 def difference_of(
-    name: str, first: xr.DataArray, second: xr.DataArray, first_sample: Any, second_sample: Any
+    name: str, first: xr.Variable, second: xr.Variable, first_sample: Any, second_sample: Any
 ) -> dict[str, Any]:
     """Return the difference of one quantity, in the units of the first run."""
     if first_sample is None or second_sample is None:
@@ -270,7 +272,7 @@ def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
         if f"difference_{name}" not in variables:
             continue
         difference, uncertainty = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
-        rounding = ROUNDINGS * EPS * float(np.max(np.abs(first[name])))
+        rounding = ROUNDINGS * EPS * float(np.fmax.reduce(np.abs(first.variables[name].values)))
         beyond = np.flatnonzero((np.abs(difference) > uncertainty + rounding) & ~between_events)
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]

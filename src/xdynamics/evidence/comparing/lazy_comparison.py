@@ -68,7 +68,7 @@ def described(
     blank = np.zeros(len(shown)), np.zeros(len(shown)), 0.0
     for name in shared_names(first, second):
         if all(name in names for names in compared_names):
-            variables |= difference_of(name, first[name], second[name], blank, blank)
+            variables |= difference_of(name, first.variables[name], second.variables[name], blank, blank)
     records = [foreseen(run) for run in runs]
     variables |= {
         str(name): (entry.dims, entry.values, entry.attrs) for name, entry in described_table(*records).items()

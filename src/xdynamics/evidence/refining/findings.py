@@ -114,7 +114,7 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
     }
     for number in findings.numbers:
         added = family(number, levels, findings.accepted)
-        if clashing := sorted({*added} & {*variables}):
+        if clashing := sorted(added.keys() & variables.keys()):
             raise InputError(
                 f"'{clashing[0]}' is a name of the model, and of what is said of its numbers; leave it out of"
                 " observables=[…]"

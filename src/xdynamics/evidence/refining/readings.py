@@ -72,16 +72,16 @@ class Outline:
         """Outline the run of a level; of the finest with levels for cycles of coordinates."""
         nothing, events = np.zeros(0), met(run)
         return cls(
-            float(run["time"][0]),
-            float(run["time"][-1]),
+            float(run.variables["time"][0]),
+            float(run.variables["time"][-1]),
             str(run.attrs["run_outcome"]),
             str(run.attrs["run_outcome_text"]),
             archive.digest_of_run(run),
             int(run.attrs["run_accepted_steps"]),
             run.sizes["step"],
             float(sum(column.dtype.itemsize for column in run.variables.values() if column.dims[:1] == ("step",))),
-            run["event_time"].values if "event_time" in run.variables else nothing,
-            run["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
+            run.variables["event_time"].values if "event_time" in run.variables else nothing,
+            run.variables["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
             events,
             _passed(run),
             {name: chosen_level(run, name, functions) for name in cyclic},
@@ -92,7 +92,7 @@ def _passed(run: xr.Dataset) -> dict[str, float]:
     """Return the time of the last row before each switch that a step went over, of those after the start."""
     if PASSED.name not in run.variables:
         return {}
-    times, rows = run["time"].values, {}
+    times, rows = run.variables["time"].values, {}
     names = str(run[PASSED.name].attrs["names"]).split()
     for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
         rows[name] = int(np.searchsorted(times, first)) if first == first else 0
@@ -211,25 +211,27 @@ class Readings:
 
 def _after(run: xr.Dataset, name: str, events: Rows) -> tuple[Floats, Floats]:
     """Return a state after events, and how far their location may have it off."""
-    after, before = run["event_row_after"].values[events], run["event_row_before"].values[events]
-    uncertainty = run["event_time_uncertainty"].values[events]
-    return run[name][after].values, np.abs(run[_rate_of(run, name)][before].values) * uncertainty
+    after, before = run.variables["event_row_after"].values[events], run.variables["event_row_before"].values[events]
+    uncertainty = run.variables["event_time_uncertainty"].values[events]
+    columns = run.variables
+    return columns[name][after].values, np.abs(columns[_rate_of(run, name)][before].values) * uncertainty
 
 
 def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:
     """Return the error of an observable at each time by the uncertain times of events before it."""
     if "event_time" not in run.variables or not run.sizes["event"]:
         return np.zeros(len(times))
-    counts = [int((run["event_time"].values < time).sum()) for time in times]
-    rates = _rates(run, name, run["event_row_before"].values[: max(counts, default=0)])
-    each = np.abs(rates) * run["event_time_uncertainty"].values[: max(counts, default=0)]
+    counts = [int((run.variables["event_time"].values < time).sum()) for time in times]
+    rates = _rates(run, name, run.variables["event_row_before"].values[: max(counts, default=0)])
+    each = np.abs(rates) * run.variables["event_time_uncertainty"].values[: max(counts, default=0)]
     return np.array([float(np.sum(each[:count])) for count in counts])
 
 
 def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
     """Return the rate of change of an observable in the step to each row; 0 where a time of an event is repeated."""
     span, change = (
-        run[variable][rows].values - run[variable][np.maximum(rows - 1, 0)].values for variable in ("time", name)
+        run.variables[variable][rows].values - run.variables[variable][np.maximum(rows - 1, 0)].values
+        for variable in ("time", name)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         rates: Floats = np.where(span > 0.0, change / span, 0.0)
@@ -238,16 +240,16 @@ def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
 
 def _largest(run: xr.Dataset, name: str) -> float:
     """Return the largest absolute value of a quantity, reading files slab by slab."""
-    return max(float(np.max(np.abs(part))) for part in slabs(run[name].variable))
+    return max(float(np.max(np.abs(part))) for part in slabs(run.variables[name]))
 
 
 def _range(run: xr.Dataset, name: str) -> float:
     """Return the largest less the least value of a quantity."""
-    ends = [(float(np.max(part)), float(np.min(part))) for part in slabs(run[name].variable)]
+    ends = [(float(np.max(part)), float(np.min(part))) for part in slabs(run.variables[name])]
     return max(high for high, _ in ends) - min(low for _, low in ends)
 
 
 def _rate_of(run: xr.Dataset, name: str) -> str:
     """Return the name of the variable that is the rate of a coordinate, velocity or state."""
-    role = run[name].attrs["role"]
+    role = run.variables[name].attrs["role"]
     return {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}[role]
