@@ -191,6 +191,15 @@ def test_archives_of_other_arithmetic_are_told_apart(tmp_path: Path, monkeypatch
     assert "the archive has Taylor series by 'products and sums rounded one by one', here" in again.attrs["arithmetic"]
 
 
+@pytest.mark.parametrize(
+    ("name", "order", "digest"), [("pendulum", 32, "c917008331bf"), ("kepler", 24, "f0c9fe6e5d3c")]
+)
+def test_programs_of_31_digits_stay_those_of_archives(name: str, order: int, digest: str) -> None:
+    """Assert that what is written out, and the order of sums in loops, are those that archives of 1a49bc80 have."""
+    asked: dict[str, Any] = {"order": order, "step": 0.01, "until": 0.02, "precision": "double_double"}
+    assert xd.simulate(model(name), method="taylor", **asked).attrs["force_digest"].startswith(digest)
+
+
 def test_sums_of_elements_in_loops_are_another_arithmetic() -> None:
     """Assert that the record of a chain tells its sums from those of a model without dimensions."""
     chain, single = (

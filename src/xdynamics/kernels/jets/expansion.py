@@ -65,7 +65,7 @@ def expansion(
     """
     body = needed(forces.body, motion)
     if written_out is None:
-        written_out = is_small(body, degree)
+        written_out = is_small(body, degree, fused=fused)
     lines = (written_lines if written_out else looped_lines)(forces, body, motion, degree, first, fused=fused)
     about = f"The Taylor coefficients of the motion, to order {degree}."
     tables = {**forces.tables, **lines.tables}

@@ -145,7 +145,10 @@ class Looped:
         """Write all inner sums, which read earlier orders alone, before the other lines: some at once wait less."""
         lines = self.lines.lines
         found: list[Line] = [line for line in lines if isinstance(line, Gather)]
-        found += map(self._summed, _together(self._sums))
+        given = range(0, len(self._sums), AT_ONCE)
+        # without fma operations take longer than reading: sums stay as archives of 31 digits have them
+        groups = _together(self._sums) if self.fused else (self._sums[i : i + AT_ONCE] for i in given)
+        found += map(self._summed, groups)
         lines[:] = [*found, *(line for line in lines if not isinstance(line, Gather))]
         self._sums.clear()
 

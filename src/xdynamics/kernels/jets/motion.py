@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,8 @@ from xdynamics.kernels.program import (
 # operations up to which every coefficient is a value of the text: beyond, a step's code is more than what a processor
 # keeps of code beside it (32 KB), and is read again in every step
 WRITTEN_OUT = 1750
+# the same where operations are not fused, counted by themselves: archives of 31 digits have their program by this
+PLAIN_WRITTEN_OUT = 6000
 LINEAR = frozenset(("add", "subtract", "negative", "choose", "least", "greatest", "abs", "positive", *CONSTANT))
 
 
@@ -111,10 +114,14 @@ def _filtered(body: Sequence[Line], motion: Motion, names: set[str], arrays: set
     return tuple(kept[::-1])
 
 
-def is_small(body: Sequence[Line], degree: int) -> bool:
+def is_small(body: Sequence[Line], degree: int, *, fused: bool) -> bool:
     """Whether the coefficients of all values are few enough to be written out."""
     if any(isinstance(line, Loop | Reduction) for line in body):
         return False
+    if not fused:
+        counted = Counter(line.operation for line in body if isinstance(line, Compute))
+        plain = sum(counted[name] for name in ("add", "subtract", "negative", *CONSTANT))
+        return plain * degree + (counted.total() - plain) * degree * degree <= PLAIN_WRITTEN_OUT
     convolution, operations, still = (degree * degree / 2 + degree), 0.0, set[Operand]()
     for line in body:
         match line:
