@@ -67,7 +67,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     instants, actions_there = _ticks_of(actions(model.controllers), model, settings)
     rings, alarms_there = _ticks_of(alarms(model.events), model, settings)
     requested_nodes = np.concatenate([np.array(settings.nodes) / scales.of(TIME), instants, rings])
-    nodes = np.union1d(nodes_of(model, scales), requested_nodes) if requested_nodes.size else nodes_of(model, scales)
+    knots = nodes_of(model, scales)
+    nodes = np.union1d(knots, requested_nodes) if requested_nodes.size else knots
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
         nodes[0] - start if len(nodes) else end - start
@@ -88,7 +89,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         **_following(settings, law.layout),
         **_parameters(model, scales, doubled=law.layout.is_doubled),
         **past_arrays(model, law, scales, tables, places),
-        jumps=jumps_at(nodes, nodes_of(model, scales), np.append(instants, rings)),
+        jumps=jumps_at(nodes, knots, np.append(instants, rings)),
         of_time=np.array([i for i, at in enumerate(model.looked_up_at.values()) if at == CLOCK], np.int64),
         attitudes=np.array(law.layout.attitudes, np.int64).reshape(-1, PARTS),
         nodes=nodes,
