@@ -33,8 +33,10 @@ from xdynamics.schema import (
     EVIDENCE,
     LOG,
     LOGGED,
+    REST,
     SAMPLES,
     STEPS,
+    STICK,
     SWEEP,
     TRIALS,
 )
@@ -81,7 +83,9 @@ def _lines_of(run: xr.Dataset) -> list[str]:
             f"energy    {energy[0]:.{digits(float(energy[0]), relative=_uncertain_part(run))}g} {units} at the start, band {band:.3g} {units}{among}, end minus start"
             f" {change:.3g} {units}"
         )
-    return [escaped(line) for line in (*lines, *pace(attributes), *kinks_of_tables(attributes), *_events(run))]
+    return [
+        escaped(line) for line in (*lines, *pace(attributes), *kinks_of_tables(attributes), *_stops(run), *_events(run))
+    ]
 
 
 def _ended(label: str, attributes: Mapping[Any, Any], method: str = "") -> Iterator[str]:
@@ -287,6 +291,19 @@ def _event_time(run: xr.Dataset, i: int) -> str:
     apart = float(off[off > 0.0].min(initial=np.inf))
     shown = digits(time, uncertainty=doubt, relative=_uncertain_part(run), apart=apart)
     return f"{time:.{shown}g}{_second(run)}"
+
+
+def _stops(run: xr.Dataset) -> Iterator[str]:
+    """Sum up the energy of motions of many links that were so low that they were stopped."""
+    if "closed_step" not in run or "event_energy_lost" not in run:
+        return
+    lost, units = run["event_energy_lost"].values, run["event_energy_lost"].attrs["units"]
+    stopped = np.isin(run["event_kind"].values, (REST, STICK)) & (lost != 0.0)
+    if stopped.any():
+        yield (
+            f"stopped   {stopped.sum()} motions lower than a bounce of rest_height, which took {lost[stopped].sum():.3g}"
+            f" {units}: event_energy_lost where event_kind is rest or stick"
+        )
 
 
 def _events(run: xr.Dataset) -> Iterator[str]:

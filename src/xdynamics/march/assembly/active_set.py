@@ -8,7 +8,8 @@ Génot and Brogliato, Eur. J. Mech. A 18, 1999, 653). An impulse then stops slip
 that may be skipped are stopped so, and grip; where faster ones wedge, the run ends in words.
 
 A heap that nearly rests would come to rest by ever more slips, lifts and impacts, each lower than a bounce that may be
-skipped. Where forces within all bounds hold every link that is so slow, these motions are skipped together.
+skipped. Where these follow one another in a burst, and forces within all bounds hold every link that is so slow, they are
+skipped together. One slow slip alone goes on.
 """
 
 from __future__ import annotations
@@ -368,7 +369,8 @@ def take_energy(run: Run, t: float) -> None:
         if run.touching[a, ACTS] == 1.0:
             impulse, after = run.vectors[X, row] * run.vectors[SCALE, row], rate_of(run, a)
             taken = -impulse * (before + after) / 2.0
-            run.touching[a, TAKEN] = taken if run.touching[a, SKIPS] == 1.0 else 0.0
+            skips = run.touching[a, SKIPS] == 1.0 or run.touching[a, HALTED] == STANDING
+            run.touching[a, TAKEN] = taken if skips else 0.0
             run.spans[LOSS] += taken
             run.spans[WORK] -= impulse * run.touching[a, EARLY]
             run.spans[TERMS] += abs(impulse) * (abs(before) + abs(after))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import ROWS
+from xdynamics.march.assembly.broad_phase import BURST, IDLE, ROWS
 from xdynamics.march.assembly.links import ASSEMBLY
 from xdynamics.march.assembly.narrow_phase import resolution_of
 from xdynamics.march.assembly.touching import BIAS, BOUNCE, CANDIDATE, RUBS, SLACK, SLIP_BIAS, rate_of, slip_of
 from xdynamics.march.run import Run
 
 LOW = 1e-9  # of the height of the highest bounce: those that may be skipped, unless the model says how low they are
+LONG_BURST = 4  # landings in a row, each soon after the last, after which motions that are low are skipped together
 
 
 @shared
@@ -58,8 +59,16 @@ def is_short(run: Run, a: int, rate: float, fall: float) -> bool:
 
 
 @shared
+def is_in_burst(run: Run) -> bool:
+    """Whether events follow one another soon, and the last changed something: else what was held lets go again at once."""
+    return bool(run.tallies[BURST] >= LONG_BURST and run.tallies[IDLE] == 0)
+
+
+@shared
 def is_slow(run: Run, a: int) -> bool:
-    """Whether a link opens and slips no faster than bounces begin that may be skipped."""
+    """Whether in a burst of events a link opens and slips no faster than bounces begin that may be skipped."""
+    if not is_in_burst(run):
+        return False
     rate, fall = rate_of(run, a), falling(run, a)
     opens = abs(rate) > run.touching[a, SLACK] + fall * resolution(run, a)
     if opens and (run.touching[a, BOUNCE] >= 1.0 or not is_short(run, a, rate, fall)):
