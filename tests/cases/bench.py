@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels import Law
 from xdynamics.kernels.compiling import UNCOMPILED
 from xdynamics.kernels.drive_tables import flattened
-from xdynamics.kernels.program import AT, TABLE, WORDS
+from xdynamics.kernels.program import AT, DEVIATION, TABLE, WORDS
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import UNSCALED
 
@@ -28,7 +28,7 @@ class Bench:
         self.law, model, layout = one, one.layout.model, one.layout
         tables, places = flattened(tables_of(model, UNSCALED))
         kinds = 1 + layout.is_doubled  # beside each number what is left of it
-        self.at = np.zeros((kinds * len(AT), lanes))
+        self.at = np.zeros((DEVIATION + 1, lanes))
         self.at[1], self.at[2], self.at[3] = steps, steps, 0.3
         self.y = np.zeros((len(layout.record), lanes))
         self.y[: len(layout.used)] = states
