@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import xdynamics as xd
 from cases.contacts import ball
@@ -307,41 +306,3 @@ def test_impacts_are_no_loss_of_belief() -> None:
     """Assert that a bouncing ball is believed to the end, though velocities differ wholly between two times of one impact."""
     model = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
     assert float(xd.diagnose(xd.simulate(model, step=0.01, until=4.0)).believed_until) == 4.0
-
-
-CHAIN = """
-name = "chain"
-[dimensions]
-site = {n}
-[relations.spring]
-of = "site"
-neighbours = 1
-[coordinates]
-u = {{ unit = "m", dims = ["site"] }}
-[mass]
-u = "kilogram"
-[forces.springs]
-over = "spring"
-potential = "2*newton/metre*(second(u, spring) - first(u, spring))**2"
-[initial]
-u = "0.1*metre*sin(pi*(index(site) + 1)/(size(site) + 1))"
-"""
-
-
-def test_what_is_read_grows_as_the_elements_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert that columns are not taken out of a record for every element of every quantity."""
-    original, taken = xr.Dataset._construct_dataarray, [0]
-
-    def counted(self: xr.Dataset, name: str) -> xr.DataArray:
-        taken[0] += 1
-        return original(self, name)
-
-    counts = []
-    for n in (4, 32):
-        run = xd.simulate(xd.Model.from_text(CHAIN.format(n=n)), method="rk4", step="0.05 s", until="10 s")
-        monkeypatch.setattr(xr.Dataset, "_construct_dataarray", counted)
-        taken[0] = 0
-        xd.diagnose(run)
-        monkeypatch.undo()
-        counts.append(taken[0])
-    assert 0 < counts[0] < counts[1] < 8 * counts[0]

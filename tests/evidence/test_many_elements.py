@@ -107,6 +107,25 @@ def test_variables_are_looked_up_at_once(name: str, monkeypatch: pytest.MonkeyPa
     assert counts[0] >= counts[1] > 0
 
 
+def test_a_diagnosis_takes_columns_in_proportion_to_the_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that columns are not taken out of a record for every element of every momentum."""
+    taken = []
+    original = xr.Dataset._construct_dataarray
+
+    def counted(self: xr.Dataset, name: str) -> xr.DataArray:
+        taken.append(name)
+        return original(self, name)
+
+    monkeypatch.setattr(xr.Dataset, "_construct_dataarray", counted)
+    counts = []
+    for n in (4, 32):
+        run = xd.simulate(xd.Model.from_text(CHAIN.format(n=n)), method="rk4", step="0.05 s", until="10 s")
+        taken.clear()
+        xd.diagnose(run)
+        counts.append(len(taken))
+    assert 0 < counts[0] < counts[1] < 8 * counts[0]
+
+
 OBSERVED = (
     CHAIN
     + """
