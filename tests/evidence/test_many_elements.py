@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.documenting.plain_text import lines_of
 from xdynamics.evidence import observables
 
 CHAIN = """
@@ -188,3 +189,15 @@ def test_dimensions_in_another_order_are_sampled() -> None:
     turned = xd.sample(run.transpose("site", ...), TIMES)
     assert turned.u.dims == ("at", "site")
     assert np.array_equal(turned.u, xd.sample(run, TIMES).u)
+
+
+def test_a_checked_model_has_lines_of_its_first_elements() -> None:
+    """Assert that many elements take a line more than seven, which are all told."""
+    few, many = ([*lines_of(xd.Model.from_text(CHAIN.format(n=n)))] for n in (7, 30))
+    assert sum(line.startswith("motion") for line in few) == 7
+    assert len(many) == len(few)  # six elements, and how many there are besides, of motion and of force
+    assert many.count("… and 24 more elements") == 2
+    assert "v_u: [initial]" in many[0]
+    (start,) = (line for line in many if line.startswith("start"))
+    assert "u[5] = " in start
+    assert start.endswith("… and 24 more elements")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions import Node
@@ -28,7 +30,7 @@ from xdynamics.model.switches import (
 )
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import DOT, parted
 from xdynamics.units import unit_suffix
 
 COUNTED = (
@@ -46,6 +48,9 @@ COUNTED = (
     "observables",
 )
 
+MOST_ELEMENTS = 6  # of one quantity, of which each is told
+_LABELS = re.compile(rf"{DOT}\w+")
+
 
 def lines_of(model: Model) -> Iterator[str]:
     """Summarise a checked model: its parts, motion, events, start and time scales; elements as people write them."""
@@ -53,16 +58,23 @@ def lines_of(model: Model) -> Iterator[str]:
 
 
 def _lines(model: Model) -> Iterator[str]:
-    yield from at_rest(model.statement.at_rest)
+    yield from at_rest(model.shaped.at_rest)
     counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
     counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {counted}; every name is known and every unit fits"
-    yield from _motion(model)
-    yield from _occasions(model)
-    starts = ", ".join(f"{name} = {quantity}" for name, quantity in model.initial.items())
+    yield from _first_elements((*_motion(model), *_occasions(model)))
+    starts = ", ".join(_first_elements(f"{name} = {quantity}" for name, quantity in model.initial.items()))
     moved = "; moved from there to where constraints hold" if model.consistent else ""
     yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{moved}"
     yield from _scales(model)
+
+
+def _first_elements(lines: Iterable[str]) -> Iterator[str]:
+    """Yield what is said of the first elements of each quantity, and how many others there are."""
+    for _, group in groupby(lines, lambda line: _LABELS.sub("", line.split(" = ")[0])):
+        said = [*group]
+        rest = len(said) - MOST_ELEMENTS
+        yield from said if rest <= 1 else (*said[:MOST_ELEMENTS], f"… and {rest} more elements")
 
 
 def at_rest(velocities: Sequence[str]) -> Iterator[str]:
