@@ -307,7 +307,13 @@ def test_bodies_keep_their_colours_beside_another_run() -> None:
     model = xd.Model.from_toml(MODELS / "figure_eight.toml")
     runs = {name: xd.simulate(model, method=name, step="50 ms", until="1 s") for name in ("rk4", "velocity_verlet")}
     (axes,) = xd.plot(runs, only="plane").axes
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["body 0", "body 1", "body 2", "rk4", "velocity_verlet"]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+        "body 0",
+        "body 1",
+        "body 2",
+        "rk4",
+        "velocity_verlet",
+    ]
     lines = [line for line in axes.lines if np.size(line.get_xdata()) > 1]
     own, others = ([line.get_color() for line in lines if line.get_linestyle() == style] for style in ("-", "--"))
     assert len({*own}) == 3
