@@ -49,6 +49,12 @@ def test_euler_grows_and_is_believed_for_a_while() -> None:
     assert found.phase_space_area[1:].values / found.phase_space_area[:-1].values == pytest.approx(
         grown ** (math.pi / 0.02), rel=2e-2
     )
+    ends, rate = found.cycle_time.values, math.log(grown) / 0.02
+    means = [
+        2.0 / rate * (math.exp(rate * end) - math.exp(rate * begin)) / (end - begin)
+        for begin, end in ((ends[0] - float(found.period[0]), ends[0]), (ends[-2], ends[-1]))
+    ]
+    assert float(found.energy_drift) == pytest.approx(means[1] - means[0], rel=1e-3)
     off, late = np.abs(run.x.values - np.cos(2 * run.time.values)), float(found.believed_until)
     lost = run.time.values[np.argmax(off > 0.1 * np.ptp(run.x.values))]
     assert late == pytest.approx(lost, abs=1.6)

@@ -160,20 +160,25 @@ def test_a_damped_oscillator_has_its_closed_form(name: str, step: float) -> None
 
 @pytest.mark.parametrize("name", ["euler_cromer", "averaged_velocity", "implicit_velocity_verlet", "rk4"])
 @pytest.mark.parametrize("growth", [0.0, 1e-3])
+@pytest.mark.parametrize("lowest", [0.2, 0.0, -0.3])
 def test_modes_that_are_damped_apart_have_the_step_of_the_whole(
-    name: str, growth: float, monkeypatch: pytest.MonkeyPatch
+    name: str, growth: float, lowest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Assert the same limit by systems of one coordinate as by all at once, for damping by mass and by stiffness."""
+    """Assert the limit of all at once, for damping by mass and by stiffness, of which a mode is free or grows, too."""
     random = np.random.default_rng(5)
-    mass, spread = np.diag(random.uniform(0.5, 2.0, 4)), random.normal(size=(4, 4))
-    stiffness = np.linalg.solve(mass, spread @ spread.T)
+    root = np.sqrt(random.uniform(0.5, 2.0, 4))
+    turned = np.linalg.qr(random.normal(size=(4, 4)))[0]
+    stiffness = (turned * [lowest, 1.0, 2.5, 7.0]) @ turned.T * root / root[:, None]
     jacobian = np.block([[np.zeros((4, 4)), np.eye(4)], [-stiffness, -0.05 * np.eye(4) - 0.02 * stiffness]])
     system, method = LinearSystem.of(jacobian, 4), xd.METHODS[name]
     assert system.modes is not None
-    assert np.sort(system.modes.eigenvalues.ravel()) == pytest.approx(np.sort(system.eigenvalues), abs=1e-12)
+    apart, together = (np.sort_complex(1j * one.eigenvalues.ravel()) for one in (system.modes, system))
+    assert apart == pytest.approx(together, abs=1e-12)
     step = largest_step(method, system, growth)
     monkeypatch.setattr(LinearSystem, "modes", None)
-    assert step == pytest.approx(largest_step(method, system, growth), rel=1e-9)
+    whole = LinearSystem.of(jacobian, 4)  # another, as the first one keeps its modes
+    assert whole.modes is None
+    assert step == pytest.approx(largest_step(method, whole, growth), rel=1e-8)
 
 
 def test_damping_that_joins_modes_keeps_them_together() -> None:
