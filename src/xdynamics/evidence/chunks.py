@@ -64,10 +64,15 @@ class Chunks(StoredColumns):
         """Whether there is anything to be read."""
         return any(variable.chunks is not None for variable in self.run.variables.values())
 
+    @cached_property
+    def _borders(self) -> list[int]:
+        """The rows at which chunks of any column that is kept begin, and how many rows there are."""
+        borders: list[int] = np.unique(np.concatenate([self._column(name).borders for name in self._kept])).tolist()
+        return borders
+
     def stretches(self) -> Iterator[tuple[xr.Dataset, Rows]]:
         """Yield all rows in order, as they are stored, each time as `near` does."""
-        borders = np.unique(np.concatenate([self._column(name).borders for name in self._kept]))
-        for begin, end in pairwise(borders.tolist()):
+        for begin, end in pairwise(self._borders):
             yield self.near(np.arange(begin, end))
 
     def count(self, times: Floats, side: Literal["left", "right"]) -> Rows:
@@ -89,14 +94,18 @@ class Chunks(StoredColumns):
         if not self.is_stored:
             return self.run, rows
         wanted = self._with_neighbours(np.unique(rows))
-        columns = {name: (STEPS, self.at(name, wanted), self.run[name].attrs) for name in self._kept}
+        columns = {name: (STEPS, self.at(name, wanted), self.run.variables[name].attrs) for name in self._kept}
         others = {name: variable for name, variable in self.run.variables.items() if STEPS not in variable.dims}
         return xr.Dataset(others | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
 
     def whole(self, run: xr.Dataset) -> xr.Dataset:
         """Return a record of some of the variables in memory; those that are kept are not read again."""
         rows = np.arange(self.size)
-        read = {name: (STEPS, self.at(name, rows), run[name].attrs) for name in self._kept if name in run.variables}
+        read = {
+            name: (STEPS, self.at(name, rows), run.variables[name].attrs)
+            for name in self._kept
+            if name in run.variables
+        }
         return run.assign(read).compute()
 
     def _with_neighbours(self, rows: Rows) -> Rows:

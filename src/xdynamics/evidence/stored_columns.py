@@ -104,7 +104,7 @@ class StoredColumns:
 
     def _column(self, name: str) -> _Column:
         if name not in self._columns:
-            self._columns[name] = _Column(name, self.run[name].variable)
+            self._columns[name] = _Column(name, self.run.variables[name])
         return self._columns[name]
 
     @cached_property
@@ -112,7 +112,7 @@ class StoredColumns:
         """The kept variables that are elements of one stored array, by its name."""
         sources: dict[str, list[str]] = {}
         for name in self._kept:
-            if (source := _source(self.run[name].variable)) is not None:
+            if (source := _source(self.run.variables[name])) is not None:
                 sources.setdefault(source, []).append(name)
         return sources
 

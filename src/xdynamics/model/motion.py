@@ -342,11 +342,19 @@ def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
     """Return the assignments of the motion that expressions without definitions depend on, in order."""
     needed = set().union(*(free_names(item) for item in wanted))
     assignments: list[Assignment] = []
+    if needed.isdisjoint(_assigned(model)):
+        return assignments
     for item in reversed(motion(model)):
         if item.name in needed:
             assignments.append(item)
             needed |= {*item.value.arguments} if isinstance(item.value, Function) else free_names(item.value)
     return assignments[::-1]
+
+
+@lru_cache(maxsize=512)
+def _assigned(model: Model) -> frozenset[str]:
+    """Name what the motion assigns."""
+    return frozenset(item.name for item in motion(model))
 
 
 def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:

@@ -37,7 +37,7 @@ BANDED = ("energy", "observable")  # roles of quantities that may be conserved
 def bands(rows: Chunks) -> Iterator[tuple[str, Any]]:
     """Yield the range of quantities that may be conserved."""
     for name, (low, high) in spans(rows, with_roles(rows.run, BANDED)).items():
-        units = str(rows.run[name].attrs["units"])
+        units = str(rows.run.variables[name].attrs["units"])
         yield (
             _band(name),
             ((), high - low + 0.0, about(units, f"largest less least {name} of the accepted states", ROLE)),
@@ -85,7 +85,7 @@ class _Watched:
     def on(self, run: xr.Dataset, model: Model, rows: Rows) -> Floats:
         """Return the quantity in rows of a record in memory, in SI units."""
         if self.name:
-            recorded: Floats = np.asarray(run[self.name])[rows] * self.factor
+            recorded: Floats = np.asarray(run.variables[self.name])[rows] * self.factor
             return recorded
         states = {name: run.variables[name].values[rows] for name in self.read(model)}
         return evaluated_on(run, model, [self.tree], states, run.variables["time"].values[rows], rows)[0]  # type: ignore[list-item]
@@ -104,7 +104,10 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
         times = counted.times.tolist()
         cycles = [_Cycle(rows, begin, end, functions) for begin, end in (times[:2], times[-2:])]
     for name in with_roles(run, BANDED):
-        units, tree = parse_unit(str(run[name].attrs["units"])), tree_of(model, name) if name in observables else None
+        units, tree = (
+            parse_unit(str(run.variables[name].attrs["units"])),
+            tree_of(model, name) if name in observables else None,
+        )
         drift, rule = _drift(rows, _Watched(name, tree, float(units.factor)), cycles)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
         yield key, ((), drift / float(units.factor), about(units.text, f"{name}: {rule}", ROLE))

@@ -53,6 +53,7 @@ class CaseRuns:
         self.asked: dict[str, Any] = {"method": method}
         if refused and not by_differences:
             self.asked["jacobian"] = DIFFERENCES
+        self._observations: list[tuple[xr.Dataset, tuple[float, ...], dict[str, Floats]]] = []
         if own:  # the ledger's cases: with steps so small that a low order is accurate too
             self.asked["step"] = time_in(model.time_unit, model.run["step"], "step") * FINER.get(self.method.order, 1.0)
 
@@ -70,6 +71,10 @@ class CaseRuns:
     def run(self) -> xr.Dataset:
         """The run with the steps of the model's `[run]`."""
         return self.marched(self.model, **self.asked)
+
+    @cached_property
+    def _digest(self) -> str:
+        return archive.digest_of_run(self.run)
 
     @property
     def end(self) -> float:
@@ -111,9 +116,9 @@ class CaseRuns:
             If the closed form or the run does not fit the case.
         """
         run = self.run
-        row = replace(row, units=_units(run, case), run=archive.digest_of_run(run))
+        row = replace(row, units=_units(run, case), run=self._digest)
         self.check_dimension(case, row.units)
-        end = float(run["time"][-1])
+        end = float(run.variables["time"][-1])
         if run.attrs["run_outcome"] not in GOOD or max(case.times, default=end) > end:
             why = f"the run ended before: {run.attrs['run_outcome_text']}"
             return replace(row, residual=np.inf, bound=0.0, note=why)
@@ -129,7 +134,7 @@ class CaseRuns:
             residual, expected = self.residual(run, case), self.expected(run, case)
             if case.bound == BAND:
                 part = max(1, len(residual) // TENTH)
-                most = BAND_AT_MOST * float(np.max(np.abs(run[case.quantity])))
+                most = BAND_AT_MOST * float(np.max(np.abs(run.variables[case.quantity])))
                 bound = min(WIDER * float(np.max(residual[:part])), most) + self.rounding(case)
                 residual, expected = residual[-part:], expected[-part:]
             else:
@@ -137,7 +142,7 @@ class CaseRuns:
         except LookupError as error:
             return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
         if case.bound == UNSCALED:
-            here, there = (np.asarray(record[case.quantity]) for record in (run, self.unscaled))
+            here, there = (np.asarray(record.variables[case.quantity]) for record in (run, self.unscaled))
             if here.shape != there.shape:
                 return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
             residual, expected = np.abs(here - there), there
@@ -175,10 +180,10 @@ class CaseRuns:
     def rounding_of(self, name: str) -> float:
         """Return a bound of the rounding error of a quantity."""
         run = self.run
-        steps, span = run.sizes[STEPS], float(run["time"][-1] - run["time"][0])
-        size = float(np.max(np.abs(run["time" if name == "t" else name])))
+        steps, span = run.sizes[STEPS], float(run.variables["time"][-1] - run.variables["time"][0])
+        size = float(np.max(np.abs(run.variables["time" if name == "t" else name])))
         if name in self.model.coordinates:
-            size += span * float(np.max(np.abs(run[velocity(name)])))
+            size += span * float(np.max(np.abs(run.variables[velocity(name)])))
         return (self.method.evaluations + 2) * steps * EPS * size
 
     def rounding(self, case: Validation) -> float:
@@ -186,7 +191,7 @@ class CaseRuns:
         run, name, error = self.run, case.quantity, self.rounding_of(case.quantity)
         if case.event:
             k, row = _met(run, case)
-            uncertainty = float(run["event_time_uncertainty"][k])
+            uncertainty = float(run.variables["event_time_uncertainty"][k])
             rates = {
                 **{coordinate: velocity(coordinate) for coordinate in self.model.coordinates},
                 **{velocity(coordinate): f"a_{coordinate}" for coordinate in self.model.coordinates},
@@ -194,7 +199,7 @@ class CaseRuns:
             error += (
                 uncertainty
                 if name == "t"
-                else uncertainty * abs(float(run[rates[name]][row - 1]))
+                else uncertainty * abs(float(run.variables[rates[name]][row - 1]))
                 if name in rates
                 else 0.0
             )
@@ -210,27 +215,27 @@ class CaseRuns:
         """
         name, times = case.quantity, self._times(run, case)
         if case.event:
-            values = times if name == "t" else run[name].values[_met(run, case)[1] :][:1]
+            values = times if name == "t" else run.variables[name].values[_met(run, case)[1] :][:1]
         elif case.times:
             values = self._at(run, name, times)
         else:
-            values = run[name].values
+            values = run.variables[name].values
         return np.abs(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
 
     def _times(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the times at which a closed form is compared."""
         if case.event:
-            return np.asarray(run["event_time"].values[_met(run, case)[0] :][:1])
-        return np.array(case.times) if case.times else np.asarray(run["time"].values)
+            return np.asarray(run.variables["event_time"].values[_met(run, case)[0] :][:1])
+        return np.array(case.times) if case.times else np.asarray(run.variables["time"].values)
 
     def true(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the closed form at the times of a case, or all along the run, in the record's unit."""
-        times = np.array(case.times) if case.times else run["time"].values
+        times = np.array(case.times) if case.times else run.variables["time"].values
         return self._exact(case, times) / float(parse_unit(_units(run, case)).factor)
 
     def expected(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the closed form where it is compared, in the record's unit; a time counts from the start."""
-        origin = float(run["time"][0]) if case.quantity == "t" else 0.0
+        origin = float(run.variables["time"][0]) if case.quantity == "t" else 0.0
         return self._exact(case, self._times(run, case)) / float(parse_unit(_units(run, case)).factor) - origin
 
     def _exact(self, case: Validation, times: Floats) -> Floats:
@@ -239,15 +244,30 @@ class CaseRuns:
             evaluated_many(self.model, [tree], {"t": times}, constants(self.model), ())[0], times.shape
         )
 
+    @cached_property
+    def _observable(self) -> frozenset[str]:
+        return frozenset(observables_of(self.model))
+
+    def _observed(self, run: xr.Dataset, name: str, times: tuple[float, ...]) -> Floats:
+        """Return a quantity at times; what all closed forms at these times are of is found at once."""
+        for known, at, values in self._observations:
+            if known is run and at == times and name in values:
+                return values[name]
+        cases = self.model.validation.values()
+        beside = [case.quantity for case in cases if case.times == times and case.quantity in self._observable]
+        found = observe(run, self.model, [*dict.fromkeys([name, *beside])], np.array(times))
+        self._observations.append((run, times, {observed: values for observed, (values, _) in found.items()}))
+        return found[name][0]
+
     def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
         """Return a quantity at times; quantities that are not observables are known at accepted times only."""
-        if name in observables_of(self.model):
-            return observe(run, self.model, [name], times)[name][0]
-        accepted = run["time"].values
+        if name in self._observable:
+            return self._observed(run, name, tuple(times.tolist()))
+        accepted = run.variables["time"].values
         rows = np.searchsorted(accepted, times + NEAR * (accepted[-1] - accepted[0]), side="right") - 1
         if (np.abs(accepted[rows] - times) > NEAR * (accepted[-1] - accepted[0])).any():
             raise InputError(f"'{name}' is known at accepted states alone; give times that are, or leave them out")
-        values: Floats = run[name].values[rows]
+        values: Floats = run.variables[name].values[rows]
         return values
 
 
@@ -257,19 +277,19 @@ def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
     if len(occurrences) < case.occurrence:
         raise LookupError(f"{case.event} was met {len(occurrences)} times")
     k = int(occurrences[case.occurrence - 1])
-    return k, int(run["event_row_after"][k])
+    return k, int(run.variables["event_row_after"][k])
 
 
 def _units(run: xr.Dataset, case: Validation) -> str:
     """Return the unit of a quantity in a record."""
     if case.quantity == "t":
         return time_unit(run).text
-    if case.quantity not in run.variables or run[case.quantity].dims != (STEPS,):
+    if case.quantity not in run.variables or run.variables[case.quantity].dims != (STEPS,):
         raise InputError(
             f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without"
             " it the name of the table is one"
         )
-    return str(run[case.quantity].attrs["units"])
+    return str(run.variables[case.quantity].attrs["units"])
 
 
 def times_in_words(case: Validation, model: Model) -> str:
