@@ -13,6 +13,7 @@ from pathlib import Path
 _OURS = (str(Path(__file__).parent), contextlib.__file__)  # the latter is between a context manager and its caller
 MOST_LISTED = 20  # faults that a message shows; an error holds them all
 MOST_NAMED = 10  # names that a sentence lists
+MOST_SHOWN = 120  # characters of a value
 MOST_SOUGHT = 200  # faults of one input, after which it is given up
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
@@ -149,6 +150,18 @@ def few(names: Iterable[str]) -> str:
     listed = [*names]
     rest = len(listed) - MOST_NAMED
     return ", ".join(listed[:MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def brief(value: object) -> str:
+    """Write a value as Python does, cut short where it is long.
+
+    Examples
+    --------
+    >>> brief([1, 2]), brief("a" * 200)
+    ('[1, 2]', "'aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa …")
+    """
+    text = repr(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN // 2]} …"
 
 
 def numbered(faults: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xdynamics.expressions import Name, Node, text_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, brief
 from xdynamics.model.controller_sections import entries_of
 from xdynamics.model.kinds import LIMIT, Kind, Source, raw, words
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
@@ -71,7 +71,7 @@ def triple(value: Any, key: str, source: Source) -> Triple:
     """
     if not isinstance(value, list | tuple) or len(value) != len(AXES):
         count = f"{len(value)} components" if isinstance(value, list | tuple) else "no list"
-        raise InputError(f"{key} is {value!r}, {count}; it needs three, along x, y and z")
+        raise InputError(f"{key} is {brief(value)}, {count}; it needs three, along x, y and z")
     x, y, z = (LIMIT.read(entry, f"{key}[{axis}]", source) for entry, axis in zip(value, AXES, strict=True))
     return x, y, z
 
@@ -83,7 +83,7 @@ def _written(values: Triple, *_: Any) -> list[str]:
 def _inertia(value: Any, key: str, source: Source) -> tuple[Triple, ...]:
     """Read principal moments, or a symmetric matrix."""
     if not isinstance(value, list | tuple) or len(value) != len(AXES):
-        raise InputError(f"{key} is {value!r}; it needs three principal moments, or three rows of three")
+        raise InputError(f"{key} is {brief(value)}; it needs three principal moments, or three rows of three")
     if not any(isinstance(row, list | tuple) for row in value):
         return (triple(value, key, source),)
     return tuple(triple(row, f"{key} row {axis}", source) for row, axis in zip(value, AXES, strict=True))
@@ -95,13 +95,13 @@ def _place(value: Any, key: str, source: Source) -> Name | Triple:
 
 def _points(value: Any, key: str, source: Source) -> dict[str, Triple]:
     if not isinstance(value, Mapping):
-        raise InputError(f'{key} is {value!r}, needs a table of points, like {{ tip = ["0 m", "0 m", "0.3 m"] }}')
+        raise InputError(f'{key} is {brief(value)}, needs a table of points, like {{ tip = ["0 m", "0 m", "0.3 m"] }}')
     return {str(name): triple(point, f"point '{name}'", source) for name, point in value.items()}
 
 
 def _dims(value: Any, key: str, _: Source) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
-        raise InputError(f'{key} is {value!r}, needs a list of dimensions, like ["link"]')
+        raise InputError(f'{key} is {brief(value)}, needs a list of dimensions, like ["link"]')
     return tuple(value)
 
 

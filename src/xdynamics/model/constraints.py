@@ -67,6 +67,8 @@ class Condition:
 @lru_cache(maxsize=64)
 def conditions(model: Model) -> tuple[Condition, ...]:
     """Return the conditions of a model, in their order."""
+    if not model.constraints:
+        return ()
     found, rates = [], rates_of_states(model)
     for name, constraint in model.constraints.items():
         residual = ZERO if constraint.holds is None else model.expanded(constraint.holds)

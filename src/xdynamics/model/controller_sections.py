@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, brief
 from xdynamics.model.kinds import EXPRESSION, LIMIT, QUANTITY, UNIT, Kind, Source
 from xdynamics.model.parts import ControllerState, Output
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
@@ -45,7 +45,7 @@ def entries_of(section: Section) -> Kind:
 
     def read(value: Any, key: str, source: Source) -> dict[str, Any]:
         if not isinstance(value, Mapping):
-            raise InputError(f"{key} is {value!r}, needs a table of names, each with {known}")
+            raise InputError(f"{key} is {brief(value)}, needs a table of names, each with {known}")
         found = {}
         for name, entry in value.items():
             try:

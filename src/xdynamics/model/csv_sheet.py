@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from xdynamics.faults import InputError, Ledger
+from xdynamics.faults import InputError, Ledger, few
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import Scale, Unit, parse_scale
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one that occurs in the header
 COMMENTS = ("#", "%", "//")
 MOST_FAULTS = 20  # of a table, listed in an error
 SHOWN = 24  # characters of a cell that an error shows
-LONGEST_HEADER = 10_000
+LONGEST_HEADER = 100_000  # characters: some thousand columns
 OF_UNCERTAINTIES = ("u(", "u_common(")
 
 # name [unit], name (unit), name / unit; the parentheses of u(name), u_common(name) belong to the name
@@ -87,22 +88,27 @@ class Sheet:
         if not lines:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
         number, first = lines[0]
+        if len(first) > LONGEST_HEADER:
+            raise InputError(
+                f"table '{name}', line {number}: the header has {len(first)} characters, {LONGEST_HEADER} at most; shorten"
+                " its titles, or leave out columns that are not read"
+            )
         separator = next((separator for separator in SEPARATORS if separator in first), ",")
-        header = tuple(next(csv.reader([first[:LONGEST_HEADER]], delimiter=separator)))
+        header = tuple(next(csv.reader([first], delimiter=separator)))
         rows = tuple((n, _cells(name, n, line, separator)) for n, line in lines[1:])
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
-    @property
+    @cached_property
     def layout(self) -> str:
         """How the table was read, for messages."""
-        return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(cell) for cell in self.header)}"
+        return f"separated by {SEPARATORS[self.separator]}, columns {few(shown(cell) for cell in self.header)}"
 
     @property
     def has_titles(self) -> bool:
         """Whether its first line is one of words; an oscilloscope may write numbers alone."""
         return not all(_is_number(cell) for cell in self.header)
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """Names of the columns, whether they have units or not."""
         return [name_of_title(cell) for cell in self.header]

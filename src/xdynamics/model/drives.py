@@ -73,7 +73,17 @@ class Table:
         InputError
             If the text is faulty; with the line number of every fault, and only the beginning of a cell.
         """
-        sheet = Sheet.of(name, text)
+        return cls.of(Sheet.of(name, text), text, column, gaps)
+
+    @classmethod
+    def of(cls, sheet: Sheet, text: str, column: str = "", gaps: str = REFUSE) -> Table:
+        """Read a column of a sheet, of whose text it is; see `parse`.
+
+        Raises
+        ------
+        InputError
+            As `parse` does.
+        """
         places = _value_columns(sheet, column)
         titles = dict(zip(places.values(), sheet.titles([*places.values()]), strict=True))
         _check_doubts(sheet, places, titles)
@@ -83,7 +93,7 @@ class Table:
         numbers = {
             word: np.array([unit.to_si(row[k]) for _, row in rows]) for k, (word, unit) in enumerate(units.items())
         }
-        return cls(name, normal(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps)
+        return cls(sheet.name, normal(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps)
 
     @property
     def form(self) -> Table:
@@ -146,13 +156,15 @@ def doubts_of(name: str, names: Sequence[str]) -> dict[str, int]:
 def _value_columns(sheet: Sheet, column: str) -> dict[str, int]:
     """Return the column indices of argument, values, and uncertainties if any; other columns may be anything."""
     names = sheet.names
-    doubts = {header.format(name) for name in names for header in DOUBTS.values()}
-    values = [k for k, name in enumerate(names) if k and name and name not in doubts]
-    if column:
+    if column in names[1:] and not column.endswith(")"):  # one of many: the others are not looked at
+        values = [names.index(column, 1)]
+    else:
+        doubts = {header.format(name) for name in names for header in DOUBTS.values()}
+        values = [k for k, name in enumerate(names) if k and name and name not in doubts]
         matching = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
-        if not matching:
+        if column and not matching:
             raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.layout}")
-        values = matching[:1]
+        values = matching[:1] if column else values
     if len(values) != 1:
         problem = (
             f'{len(values)} columns of values: say which with column = "{names[values[0]]}"'

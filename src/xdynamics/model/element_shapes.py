@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
@@ -10,6 +9,7 @@ from xdynamics.expressions import Node, free_names, shown
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.bodies import AXIS
 from xdynamics.model.controllers import trees_of
+from xdynamics.model.element_room import check_room
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.parts import (
     Force,
@@ -17,15 +17,9 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.statement import Statement
 from xdynamics.reaction_names import joint_force, joint_torque
-from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, dims_of
 from xdynamics.units import Dimension
-
-NUMBERS_OF_ELEMENT = 30  # at least, of a coordinate in a march
-
-
-FEW_ELEMENTS = 100_000  # which always fit
 
 
 def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
@@ -42,23 +36,6 @@ def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
         with ledger.entry(f"'{name}'"):
             check_room(dims[name], shapes)
     return _of_expressions(statement, replace(shapes, dims={name: own for name, own in dims.items() if own}), ledger)
-
-
-def check_room(dims: tuple[str, ...], shapes: Shapes) -> None:
-    """Refuse a quantity whose elements could not be marched in the memory that can be had, before they are made.
-
-    Raises
-    ------
-    InputError
-        With the number of elements, what they take, and what there is.
-    """
-    size = math.prod(shapes.extent(dim).size for dim in dims)
-    needed = NUMBERS_OF_ELEMENT * 8.0 * size
-    if size > FEW_ELEMENTS and needed > (room := ROOM * free_memory()):
-        raise InputError(
-            f"has {size} elements along {', '.join(dims)}, which take {size_text(needed)} to march, and"
-            f" {size_text(room)} of memory can be had; take fewer"
-        )
 
 
 def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Shapes:

@@ -17,8 +17,10 @@ from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potential
 from xdynamics.model.controllers import each_tree
+from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import Table
 from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
+from xdynamics.model.entries import columns_of_drive
 from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
@@ -219,11 +221,10 @@ class Elements:
         if not drive.dims:
             yield name, drive
             return
-        table, extent = drive.table, self.shapes.extent(drive.dims[0])
-        for i, element in enumerate(self._names(name)):
-            label = extent.label(i) if extent.labels else f"{name}_{i}"
-            column = Table.parse(table.name, table.text, label, table.gaps)
-            yield element, replace(drive, table=column, dims=())
+        table, columns = drive.table, columns_of_drive(name, drive.dims, self.shapes)
+        sheet = Sheet.of(table.name, table.text)
+        for column, element in zip(columns, self._names(name), strict=True):
+            yield element, replace(drive, table=Table.of(sheet, table.text, column, table.gaps), dims=())
 
     def _event(self, name: str, event: Event) -> Iterator[tuple[str, Event]]:
         for element, place in self._placed(name):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from xdynamics.expressions import Node, text_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, few
+from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import REFUSE, Table
 from xdynamics.model.given_values import dims_key
 from xdynamics.model.instruments import KEYS as READING_KEYS
@@ -116,8 +117,16 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     keys(entry, section.known, ())
     if "table" not in entry and "csv" not in entry:
         raise InputError("key 'table' is missing; name a CSV file there, or give its text as csv")
+    columns: list[str] = []
     if entry.get("dims"):
-        entry = {**entry, "column": columns_of_drive(name, dims_key(entry["dims"], "dims", source), source.shapes)[0]}
+        columns = columns_of_drive(name, dims_key(entry["dims"], "dims", source), source.shapes)
+        entry = {**entry, "column": columns[0]}
+    read = _drive_text(entry, name, source)
+    _check_columns(Sheet.of(read["table"], read["csv"]) if columns else None, columns)
+    return read
+
+
+def _drive_text(entry: Mapping[str, Any], name: str, source: Source) -> dict[str, Any]:
     file = entry.get("table", f"{name}.csv")
     if not isinstance(file, str):
         return {**entry, "table": f"{name}.csv", "csv": tabled(name, file)}
@@ -127,6 +136,26 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     said = {key: value for key, value in entry.items() if key in READING_KEYS}
     rest = {key: value for key, value in entry.items() if key not in READING_KEYS}
     return {**rest, "table": file, "csv": as_table(file, text, Reading.of(said))}
+
+
+def _check_columns(sheet: Sheet | None, columns: Sequence[str]) -> None:
+    """Refuse a table that lacks a column of an element, or has them in different kinds of units."""
+    if sheet is None:
+        return
+    names = sheet.names
+    if lacking := [column for column in columns if column not in names]:
+        more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
+        raise InputError(
+            f"table '{sheet.name}' has no column '{lacking[0]}'{more}, and needs one for each element: "
+            f"{few(columns)}; it is {sheet.layout}"
+        )
+    first, *others = (sheet.titles([names.index(column)])[0] for column in columns)
+    for other in others:
+        if other.unit.dimension != first.unit.dimension:
+            raise InputError(
+                f"table '{sheet.name}' has '{other.name}' in '{other.unit.text}' beside '{first.name}' in"
+                f" '{first.unit.text}'; elements of one quantity need one kind of unit"
+            )
 
 
 def columns_of_drive(name: str, dims: tuple[str, ...], shapes: Shapes) -> list[str]:

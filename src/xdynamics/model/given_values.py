@@ -9,9 +9,10 @@ from math import isfinite, prod
 from typing import Any
 
 from xdynamics.expressions import Node, dimension_of, free_names, parse, shown, text_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, brief, few
 from xdynamics.model.csv_sheet import Sheet, title
 from xdynamics.model.csv_sheet import shown as shown_cell
+from xdynamics.model.element_room import check_room
 from xdynamics.model.kinds import Source
 from xdynamics.model.table_keys import near
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
@@ -110,6 +111,7 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
         if sizes := [key for key in (*SIZES, "unit") if key in entry]:
             raise InputError(f"has {sizes[0]} beside an expression; give them to the parameters that it reads")
         return Values(dims, tree=parse(entry["value"]), description=about)
+    check_room(dims, shapes)
     shape = shapes.shape(dims)
     if "values" in entry:
         numbers, unit = _by_label(entry, dims, shapes)
@@ -125,7 +127,7 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
 def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
-        raise InputError(f'dims is {value!r}, needs a list of dimensions, like ["body", "axis"]')
+        raise InputError(f'dims is {brief(value)}, needs a list of dimensions, like ["body", "axis"]')
     if len(set(names)) < len(names):
         raise InputError(f"dims has one of {', '.join(names)} twice")
     for name in names:
@@ -262,7 +264,9 @@ def columns_of(
     if extent.name in named:
         rows = _matched(sheet, rows, named.index(extent.name), extent)
     elif len(rows) != extent.size:
-        raise InputError(f"table '{sheet.name}' has {len(rows)} rows, and '{extent.name}' has {extent.size} elements")
+        raise InputError(
+            f"table '{sheet.name}' has {len(rows)} rows, and '{extent.name}' has {extent.size} elements; give a row for each"
+        )
     return rows, units
 
 
@@ -284,10 +288,10 @@ def _matched(sheet: Sheet, rows: list[tuple[float, ...]], column: int, extent: E
         except InputError as error:
             raise InputError(f"table '{sheet.name}', line {line}: {error}") from None
         if number in places:
-            raise InputError(f"table '{sheet.name}', line {line}: {shown_cell(label)} is there twice")
+            raise InputError(f"table '{sheet.name}', line {line}: {shown_cell(label)} is there twice; leave one out")
         places[number] = row
     if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
-        raise InputError(f"table '{sheet.name}' has no row for {', '.join(missing[:10])} of '{extent.name}'")
+        raise InputError(f"table '{sheet.name}' has no row for {few(missing)} of '{extent.name}'; give a row for each")
     return [places[i] for i in range(extent.size)]
 
 

@@ -8,7 +8,7 @@ from math import cos, sin
 from typing import Any
 
 from xdynamics.expressions import Name
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, brief
 from xdynamics.model.body_sections import AXES, PLACE, SPACE, Triple
 from xdynamics.model.kinds import Kind, Source
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
@@ -94,14 +94,14 @@ def joint(at: tuple[Name | Triple, Name | Triple], **values: Any) -> Joint:
 
 def _pair(value: Any, key: str, _: Source) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or len(value) != 2 or not all(isinstance(name, str) for name in value):
-        raise InputError(f'{key} is {value!r}, needs two bodies, or a body and "{SPACE}": ["arm", "rod"]')
+        raise InputError(f'{key} is {brief(value)}, needs two bodies, or a body and "{SPACE}": ["arm", "rod"]')
     return tuple(value)
 
 
 def _places(value: Any, key: str, source: Source) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InputError(
-            f'{key} is {value!r}, needs two points, one in each: ["tip", "top"], or [["0 m", "0 m", "0.5 m"], "top"]'
+            f'{key} is {brief(value)}, needs two points, one in each: ["tip", "top"], or [["0 m", "0 m", "0.5 m"], "top"]'
         )
     return tuple(PLACE.read(place, f"{key}[{i}]", source) for i, place in enumerate(value))
 

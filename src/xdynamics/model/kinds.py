@@ -8,7 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse, text_of
 from xdynamics.expressions.corrections import with_unit_names
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, brief
 from xdynamics.model.file_access import FileAccess
 from xdynamics.model.parts import Function
 from xdynamics.model.python import Functions, function_of
@@ -100,7 +100,7 @@ def name_of(named: str) -> Kind:
 
     def read(value: Any, key: str, *_: Source) -> str:
         if not isinstance(value, str):
-            raise InputError(f"{key} is {value!r}, needs the name of {named}")
+            raise InputError(f"{key} is {brief(value)}, needs the name of {named}")
         return value
 
     return Kind(f"name, of {named}", read)
@@ -111,7 +111,7 @@ def names_of(named: str) -> Kind:
 
     def read(value: Any, key: str, *_: Source) -> tuple[str, ...]:
         if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
-            raise InputError(f"{key} is {value!r}, needs a list of {named}")
+            raise InputError(f"{key} is {brief(value)}, needs a list of {named}")
         if len(set(value)) < len(value):
             raise InputError(f"{key} lists one of {', '.join(value)} twice")
         return tuple(value)
@@ -163,14 +163,14 @@ def _written(value: Node | Function, *_: Unit) -> Any:
 
 def _trees(value: Any, key: str, source: Source) -> dict[str, Node]:
     if not isinstance(value, Mapping):
-        raise InputError(f'{key} is {value!r}, needs a table like {{ v_y = "-v_y" }}')
+        raise InputError(f'{key} is {brief(value)}, needs a table like {{ v_y = "-v_y" }}')
     return {name: _expression(text, f"{key} '{name}'", source) for name, text in value.items()}
 
 
 def _links(value: Any, key: str, _source: Source) -> tuple[tuple[str, str], ...]:
     is_list = isinstance(value, list | tuple) and all(isinstance(pair, list | tuple) for pair in value)
     if not is_list or any([type(end) for end in pair] != [str, str] for pair in value):
-        raise InputError(f'{key} is {value!r}, needs pairs of names, like [["origin", "bob"]]')
+        raise InputError(f'{key} is {brief(value)}, needs pairs of names, like [["origin", "bob"]]')
     return tuple((first, second) for first, second in value)
 
 
@@ -183,20 +183,20 @@ def _pairs(value: Any, key: str, source: Source) -> tuple[tuple[Node, Node], ...
         or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs)
     ):
         raise InputError(
-            f'{key} is {value!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
+            f'{key} is {brief(value)}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
         )
     return tuple((_expression(across, key, source), _expression(up, key, source)) for across, up in pairs)
 
 
 def _flag(value: Any, key: str, *_: Source) -> bool:
     if not isinstance(value, bool):
-        raise InputError(f"{key} is {value!r}, needs true or false")
+        raise InputError(f"{key} is {brief(value)}, needs true or false")
     return value
 
 
 def _count(value: Any, key: str, *_: Source) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < MOST_COUNTED:
-        raise InputError(f"{key} is {value!r}, needs a whole number from 1 on")
+        raise InputError(f"{key} is {brief(value)}, needs a whole number from 1 on")
     return value
 
 
@@ -260,13 +260,13 @@ def _as_text(quantity: Quantity, *_: Unit) -> str:
 
 def _csv(value: Any, key: str, *_: Source) -> str:
     if not isinstance(value, str):
-        raise InputError(f"{key} is {value!r}, needs the text of a table")
+        raise InputError(f"{key} is {brief(value)}, needs the text of a table")
     return value
 
 
 def _time_unit(value: Any, key: str, *_: Source) -> str:
     if value not in (SECONDS.text, NUMBERS.text):
-        raise InputError(f"{key} is {value!r}; time is in '{SECONDS.text}', or a pure number, '{NUMBERS.text}'")
+        raise InputError(f"{key} is {brief(value)}; time is in '{SECONDS.text}', or a pure number, '{NUMBERS.text}'")
     return str(value)
 
 

@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, Ledger
+from xdynamics.faults import InputError, Ledger, brief
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.kinds import Source
 from xdynamics.model.section import Section
@@ -40,14 +40,16 @@ def extent(value: Any, name: str, _: Source) -> Extent:
             raise InputError(f"has {value} elements, needs 1 to {MOST_ELEMENTS}")
         return Extent(name, value)
     if not isinstance(value, list | tuple) or not value or not all(isinstance(label, str) for label in value):
-        raise InputError(f'is {value!r}, needs a number of elements, or their labels: ["Sun", "Jupiter"]')
+        raise InputError(f'is {brief(value)}, needs a number of elements, or their labels: ["Sun", "Jupiter"]')
     for label in value:
         if not LABEL.fullmatch(label) or label.isdigit():
             raise InputError(
                 f"has the label {label!r}; a label is made of letters, digits and underscores, 40 at most, and is no number"
             )
     if len(set(value)) < len(value):
-        raise InputError(f"has the label '{next(label for label in value if list(value).count(label) > 1)}' twice")
+        seen = set[str]()
+        twice = next(label for label in value if label in seen or seen.add(label))  # type: ignore[func-returns-value]
+        raise InputError(f"has the label '{twice}' twice; give each element its own")
     return Extent(name, len(value), tuple(value))
 
 
@@ -174,7 +176,7 @@ class Links:
                 )
             except InputError as error:
                 raise InputError(f"table '{self.table}', line {line}: {error}") from None
-            if self.of and pair[0] == pair[1]:
+            if source is target and pair[0] == pair[1]:
                 raise InputError(
                     f"table '{self.table}', line {line}: links '{source.label(pair[0])}' with itself; leave it out"
                 )
@@ -211,6 +213,10 @@ def links_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     if ("of" in entry) == ("from" in entry or "to" in entry) or ("from" in entry) != ("to" in entry):
         raise InputError('needs the dimension that it is of, of = "body", or two: from = "body" and to = "wall"')
     tabled = "table" in entry or "csv" in entry
+    if not tabled and "from" in entry and entry["from"] == entry["to"]:
+        raise InputError(
+            f"links every element of '{entry['from']}' with itself too; of = \"{entry['from']}\" is every two once"
+        )
     if "neighbours" in entry and (tabled or "of" not in entry):
         raise InputError("key 'neighbours' goes with 'of' alone")
     if entry.get("ring") and "neighbours" not in entry:

@@ -69,7 +69,7 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
                 refused.add(str(name))
                 ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
     for name, owner in claimed_names(vars(statement)):
-        if name in owner_of and not any(owner == f"dimension '{word}'" for word in refused):
+        if name in owner_of and not _is_said_elsewhere(name, owner, owner_of[name], refused):
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
         owner_of.setdefault(name, owner)
     owner_of |= {name: f"definition '{name}'" for name in statement.definitions}
@@ -80,6 +80,16 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
                     f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
                 )
             owner_of.setdefault(name, f"{_CALLED.get(section, 'relation')} '{name}'")
+
+
+def _is_said_elsewhere(name: str, owner: str, other: str, refused: set[str]) -> bool:
+    """Whether two owners of a name in the record have a fault of their own: one may not be called so, or both are."""
+    if owner in {f"dimension '{word}'" for word in refused}:
+        return True
+    (kind, word), (others_kind, others_word) = (
+        text.split(" ", 1) if " '" in text else (text, "") for text in (owner, other)
+    )
+    return word == others_word != f"'{name}'" and not {"dimension", "relation"}.isdisjoint({kind, others_kind})
 
 
 def _fault_of(section: str, name: str) -> str:

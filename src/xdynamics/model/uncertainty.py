@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, brief
 from xdynamics.model.table_keys import choice
 from xdynamics.units import Quantity, parse_quantity, unit_text
 
@@ -156,11 +156,11 @@ def _freedom(entry: Mapping[str, Any], distribution: str) -> float | None:
     value = entry.get("degrees_of_freedom")
     if distribution != STUDENT:
         if value is not None:
-            raise InputError(f"degrees_of_freedom is {value!r}; a distribution that is {distribution} has none")
+            raise InputError(f"degrees_of_freedom is {brief(value)}; a distribution that is {distribution} has none")
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 2 < value < float("inf"):
         raise InputError(
-            f"degrees_of_freedom is {value!r}; a t distribution needs a number over 2, or has no deviation"
+            f"degrees_of_freedom is {brief(value)}; a t distribution needs a number over 2, or has no deviation"
         )
     return float(value)
 

@@ -181,7 +181,8 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
         if dim not in own_dims:
             own = ", ".join(shapes.ordered(own_dims)) or "none"
             raise InputError(
-                f"{_label(node)} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own}"
+                f"{_label(node)} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own};"
+                f" {'leave it out' if own == 'none' else 'take one of these'}"
             )
     if node.function == "take":
         check_number_of_element(node)

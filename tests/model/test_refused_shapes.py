@@ -1,0 +1,117 @@
+"""Shapes that cannot be: each is refused in one short line, at once, with the thing, its value and the remedy."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+
+import xdynamics as xd
+
+CHAIN: dict[str, Any] = {
+    "name": "chain",
+    "dimensions": {"bead": ["a", "b", "c"], "site": 4},
+    "relations": {"spring": {"of": "bead", "neighbours": 1}},
+    "coordinates": {"u": {"unit": "m", "dims": ["bead"]}},
+    "mass": {"u": "1*kilogram"},
+    "initial": {"u": "0 m"},
+}
+
+
+def chain(**sections: Any) -> dict[str, Any]:
+    """The chain with other sections."""
+    return CHAIN | sections
+
+
+def pulled(csv: str, dims: str = "bead") -> dict[str, Any]:
+    """The chain with a drive for each element."""
+    return chain(drives={"pull": {"csv": csv, "dims": [dims]}})
+
+
+@pytest.mark.parametrize(
+    ("statement", "said"),
+    [
+        (
+            pulled("t [s],a [N],b [m],c [N]\n0,1,1,1\n1,2,2,2\n"),
+            "'b' in 'm' beside 'a' in 'N'; elements of one quantity",
+        ),
+        (
+            pulled("t [s],a [N],b [N],d [N]\n0,1,1,1\n"),
+            "has no column 'c', and needs one for each element: a, b, c; it is",
+        ),
+        (
+            pulled("t [s],x [N]\n0,1\n1,2\n", "site"),
+            "no column 'pull_0' and 3 more, and needs .*: pull_0, pull_1, pull_2, pull_3",
+        ),
+        (
+            pulled("t [s]," + ",".join(f"x{i} [N]" for i in range(2000)) + "\n"),
+            "has no column 'a' and 2 more, .* 'x8 \\[N\\]' and 1991 more$",
+        ),
+        (
+            chain(relations={"all": {"from": "site", "to": "site"}}),
+            "relation 'all': links every element of 'site' with itself",
+        ),
+        (
+            chain(relations={"all": {"from": "site", "to": "site", "csv": "first,second\n0,1\n1,0\n2,2\n"}}),
+            "line 4: links '2' with itself; leave it out",
+        ),
+        (
+            chain(
+                dimensions={"bead": 10**6, "site": 10**6}, coordinates={"u": {"unit": "m", "dims": ["bead", "site"]}}
+            ),
+            "initial value 'u': has 1000000000000 elements along bead, site, which take 240 TB to march, .* take fewer",
+        ),
+        (
+            chain(dimensions={"bead": [*range(10**5)]}),
+            r"dimension 'bead': is \[0, 1, 2, .* …, needs a number of elements",
+        ),
+        (chain(dimensions={"bead": [*(f"b{i}" for i in range(50_000)), "b7"]}), "has the label 'b7' twice; give each"),
+        (
+            chain(dimensions=CHAIN["dimensions"] | {"spring": 3}),
+            "'chain': relation 'spring' and dimension 'spring' have one",
+        ),
+        (
+            chain(observables={"site": "u"}),
+            "model 'chain': dimension 'site' and observable 'site' have one name; rename one$",
+        ),
+        (
+            chain(observables={"o": "sum(u, site)"}),
+            "goes along 'site', and 'u' has the dimensions: bead; take one of these",
+        ),
+    ],
+)
+def test_it_is_refused_shortly_and_at_once(statement: dict[str, Any], said: str) -> None:
+    """Assert that one line says what it is, however many elements there are, and nothing is allocated before."""
+    begun = time.process_time()
+    with pytest.raises(xd.ModelError, match=said) as refusal:
+        xd.Model(**statement)
+    assert time.process_time() - begun < 1.0
+    assert len(str(refusal.value)) < 400
+    assert "\n" not in str(refusal.value)
+
+
+def test_directed_links_may_go_both_ways() -> None:
+    """Assert that a table between a dimension and itself has links each way, which one of it has not."""
+    both = {"csv": "first,second\n0,1\n1,0\n"}
+    relation = xd.Model(**chain(relations={"to": {"from": "site", "to": "site"} | both})).shapes.relations["to"]
+    assert [relation.first.tolist(), relation.second.tolist()] == [[0, 1], [1, 0]]
+    with pytest.raises(xd.ModelError, match="line 3: the link of line 2 is there again"):
+        xd.Model(**chain(relations={"to": {"of": "site"} | both}))
+
+
+def test_a_table_of_many_columns_is_split_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a drive for each of 50 elements reads its text as often as one for each of four."""
+    from xdynamics.model.csv_sheet import Sheet
+
+    split, read = Sheet.of, []
+    monkeypatch.setattr(Sheet, "of", classmethod(lambda _, name, text: read.append(name) or split(name, text)))
+    counts = []
+    for n in (4, 50):
+        read.clear()
+        header = ",".join(f"pull_{i} [N]" for i in range(n))
+        csv = f"t [s],{header}\n" + "".join(f"{t}{',2' * n}\n" for t in range(3))
+        model = xd.Model(**chain(dimensions={"bead": 3, "site": n}, drives={"pull": {"csv": csv, "dims": ["site"]}}))
+        counts.append(len(read))
+        assert len(model.drives) == n
+    assert counts[0] == counts[1] > 0
