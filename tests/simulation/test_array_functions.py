@@ -220,3 +220,92 @@ def test_results_are_written_where_numpy_is_told() -> None:
 
     run = xd.solve(limited, (0, 1), [2.0, 0.25], rtol=1e-9)
     assert run.dynamics.solution.y[:, -1] == pytest.approx([1.5, 0.25 * np.exp(-1.0)], rel=1e-8)
+
+
+def _universal(t: Any, y: Any) -> Any:
+    """Methods of numpy's functions: forces of springs, given to both ends, and a mass matrix."""
+    i, j = np.array([0, 3, 5]), np.array([1, 4, 5])
+    d = np.zeros(6)
+    np.add.at(d, i, y[j] - y[i])
+    np.subtract.at(d, [1, 1, 4], y[:3])
+    ratio = np.maximum.outer(np.arange(6), np.arange(6)) * np.subtract.outer(y, y)
+    return d + 0.01 * ratio.sum(1) - np.add.reduce(y) * 0.1 - np.add.accumulate(y) * 0.1
+
+
+def _spreads(t: Any, y: Any) -> Any:
+    """Spreads of a row: each is one sum."""
+    return -y * np.std(y) - np.var(y) - np.ptp(y) * np.full(len(y), 0.5) * y
+
+
+@pytest.mark.parametrize(
+    ("fun", "n"), [(_universal, 6), (_spreads, 5), (lambda t, y: [-k * x for k, x in enumerate(y)], 12)]
+)
+def test_methods_of_functions_spreads_and_lists_have_scipys_numbers(fun: Any, n: int) -> None:
+    """Assert that they are traced, with scipy's digits, and that one name is one array."""
+    start = np.cos(np.arange(n))
+    run = xd.solve(fun, (0, 1), start, "DOP853", names="u", rtol=1e-10, atol=1e-12)
+    exact = solve_ivp(fun, (0, 1), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    assert run.u.dims == ("step", "u_index")
+    np.testing.assert_allclose(run.u.values[-1], exact, rtol=1e-8, atol=1e-10)
+
+
+def test_spreads_of_a_row_are_short() -> None:
+    """Assert that a spread is a sum of a sum, and not one written out for each element."""
+    text = model_of(_spreads, (0, 1), np.cos(np.arange(1000)), (), None, "u", None).to_toml()
+    assert len(next(line for line in text.split("\n") if line.startswith("rate"))) < 400
+
+
+@pytest.mark.parametrize(
+    "fun",
+    [lambda t, y, n: -np.roll(y, n - 1), lambda t, y, n: -y * np.arange(n), lambda t, y, n: -np.tile(y[: n // 2], 2)],
+)
+def test_whole_arguments_say_how_many(fun: Any) -> None:
+    """Assert that an argument that numpy needs as a whole number is one, and no parameter."""
+    run = xd.solve(fun, (0, 1), np.arange(12.0), "DOP853", names="y", args=(12,), rtol=1e-10)
+    exact = solve_ivp(fun, (0, 1), np.arange(12.0), "DOP853", args=(12,), rtol=1e-12, atol=1e-13).y[:, -1]
+    np.testing.assert_allclose(run.y.values[-1], exact, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [2, 12])
+@pytest.mark.parametrize(
+    "fun",
+    [
+        lambda t, y: 1j * y,
+        lambda t, y: np.full(len(y), 1j) * y,
+        lambda t, y: np.abs(1j * y),
+        lambda t, y: [1j * x for x in y],
+    ],
+)
+def test_imaginary_parts_are_not_dropped(fun: Any, size: int) -> None:
+    """Assert that complex rates are refused in every way of tracing: numpy would march their real parts, zero."""
+    with pytest.raises(xd.InputError, match="makes 0\\+1j, needs real numbers; write real and imaginary parts apart"):
+        xd.solve(fun, (0, 1), np.ones(size), names="y")
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ([], r"y0 has shape \(0,\), needs one axis"),
+        (np.ones((2, 3)), r"y0 has shape \(2, 3\), needs one axis of at least one number; give y0.ravel\(\)"),
+        ([1.0, np.nan], r"y0\[1\] is nan, needs a finite number"),
+        (np.broadcast_to(1.0, 10**6 + 1), "y0 has 1000001 numbers, needs 1 to 1000000"),
+    ],
+)
+def test_starts_of_no_row_are_named(start: Any, said: str) -> None:
+    """Assert that a start that is none of a state is refused by its shape or number."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.solve(lambda t, y: y, (0, 1), start)
+
+
+@pytest.mark.parametrize(
+    ("fun", "said"),
+    [
+        (lambda t, y: np.sum(y, where=y > 0) * y, "numpy.sum with where, which"),
+        (lambda t, y: np.fft.fft(y), "numpy.fft.fft, which"),
+        (lambda t, y: np.subtract.reduceat(y, [0, 1]), "numpy.subtract.reduceat, which"),
+    ],
+)
+def test_what_is_called_is_named_whole(fun: Any, said: str) -> None:
+    """Assert that a refusal has the module, the method and the options of what was called."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.solve(fun, (0, 1), np.ones(12), names="y")

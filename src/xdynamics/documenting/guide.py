@@ -199,7 +199,9 @@ axis, np.pad, np.where, np.hstack, u.T, order="F". So do arrays of more axes, np
 min along an axis, np.linalg.norm, np.stack, and bodies by pairs, x[None, :, :] - x[:, None, :]:
 sums go in loops, of up to 200000 numbers. Elements are picked along one axis by a list or a known
 mask too, u[:, [0, 3, 4]] or np.take, and products of arrays that change are np.einsum, np.outer,
-np.tensordot, np.trace and @.
+np.tensordot, np.trace and @. Spreads are np.std, np.var, np.ptp, and functions have their methods:
+np.add.at(d, i, f), np.subtract.outer(y, y), np.maximum.reduce(y). With names="u" a function that
+returns a list has one state u(u_index), too.
 It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a
 contact. Comparisons are joined by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic;
 np.interp takes left, right and period.

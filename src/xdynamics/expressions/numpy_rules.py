@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.reductions import product, reduced
 from xdynamics.expressions.traced_grid import ZERO, IrregularError
 from xdynamics.expressions.traced_rows import Line, combined, lines_in, of_ufunc, slice_of
@@ -34,7 +35,7 @@ def joined(parts: Iterable[Any], axis: int = 0) -> Any:
         if isinstance(value, Line) or size == 1:
             row[first : first + size] = value[0] if isinstance(value, list | tuple) else value
         else:
-            row[first : first + size] = np.asarray(value, float)
+            row[first : first + size] = np.asarray(real(value), float)
         first += size
     return row
 
@@ -194,6 +195,12 @@ def _clipped(row: Any, low: Any = None, high: Any = None) -> Any:
     return row if high is None else combined(partial(of_ufunc, "minimum"), row, high)
 
 
+def _variance(row: Line, axis: Any = None, *, ddof: int = 0, **options: Any) -> Any:
+    """Return the mean square of what elements differ by from their mean."""
+    apart = row - reduced("sum", row, axis, **options) / row.size
+    return reduced("sum", apart * apart, axis, **options) / (row.size - ddof)
+
+
 def _norm(row: Line, ord: Any = None, **options: Any) -> Traced:  # noqa: A002 - numpy's
     if ord not in (None, 2):
         raise IrregularError("the function takes another norm of a row")
@@ -217,6 +224,11 @@ _RULES: dict[Any, Callable[..., Any]] = {
     np.array_split: split,
     np.sum: lambda row, axis=None, **options: reduced("sum", row, axis, **options),
     np.mean: lambda row, axis=None, **options: reduced("sum", row, axis, **options) / row.size,
+    np.var: _variance,
+    np.std: lambda row, axis=None, **options: called("sqrt", _variance(row, axis, **options)),
+    np.ptp: lambda row, axis=None, **options: (
+        reduced("max", row, axis, **options) - reduced("min", row, axis, **options)
+    ),
     np.max: lambda row, axis=None, **options: reduced("max", row, axis, **options),
     np.min: lambda row, axis=None, **options: reduced("min", row, axis, **options),
     np.dot: product,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.traced_grid import ZERO, Floats, IrregularError, element, varies
 from xdynamics.expressions.traced_rows import Line, combined, of_ufunc
 from xdynamics.expressions.tracing import Traced, choice
@@ -57,7 +58,7 @@ def product(left: Any, right: Any) -> Any:
     matrix = left.toarray() if hasattr(left, "toarray") else np.asarray(left)
     if matrix.dtype == object or matrix.shape != (right.size, right.size):
         raise IrregularError("the function multiplies a row by an array that is no square matrix of numbers")
-    matrix = matrix.astype(float)
+    matrix = real(matrix).astype(float)
     n = right.size
     diagonals = [k for k in range(1 - n, n) if np.diagonal(matrix, k).any()]
     if len(diagonals) > MOST_DIAGONALS or n <= 2:

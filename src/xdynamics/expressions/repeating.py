@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.tree import Node, text_of
 from xdynamics.faults import InputError
 
@@ -115,12 +116,14 @@ def check_numbers(
     """
     with np.errstate(all="ignore"):
         try:
-            direct = np.asarray(function(), float).ravel()
+            result = function()
+            direct = np.asarray(result, None if np.iscomplexobj(result) else float).ravel()
             expected = np.array([evaluate(node, values) for node in nodes])
         except WrittenArgumentError:
             raise
         except Exception:  # noqa: BLE001 - somebody else's code, at a state where it may fail
             return
+    direct = real(direct)
     if direct.shape != expected.shape:
         raise InputError(f"{called} returns {len(nodes)} values for names and {direct.size} for numbers; {REMEDY}")
     with np.errstate(invalid="ignore"):

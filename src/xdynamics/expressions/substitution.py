@@ -20,6 +20,7 @@ from xdynamics.expressions.traced_grid import Grid
 from xdynamics.expressions.traced_planes import reshaped
 from xdynamics.expressions.tracing import Traced, called, rounded
 from xdynamics.expressions.tree import Number
+from xdynamics.expressions.universal_functions import UniversalFunction
 
 FOREIGN = ("numpy", "scipy", "math", "builtins", "numba")  # whose functions are not substituted inside
 # math's names that numpy spells otherwise
@@ -102,9 +103,9 @@ class Substitution:
         if isinstance(value, BuiltinFunctionType) and value.__module__ == "builtins":
             return self._builtins.get(value.__name__, value)
         module = str(getattr(value, "__module__", ""))
-        if isinstance(value, np.ufunc) or (
-            callable(value) and module.startswith("numpy") and not isinstance(value, type)
-        ):
+        if isinstance(value, np.ufunc):
+            return UniversalFunction(value)
+        if callable(value) and module.startswith("numpy") and not isinstance(value, type):
             return partial(of_numpy, value)
         return value
 

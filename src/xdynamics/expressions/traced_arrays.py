@@ -11,7 +11,7 @@ import numpy as np
 from xdynamics.expressions.cube_rules import cubes_in, of_cubes
 from xdynamics.expressions.numpy_rules import of_rows
 from xdynamics.expressions.traced_rows import lines_in
-from xdynamics.expressions.tracing import REMEDY, Traced, called, choice, each, name, rounded
+from xdynamics.expressions.tracing import REMEDY, Traced, WholeNumberError, called, choice, each, name, rounded
 from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
 from xdynamics.faults import InputError
 
@@ -26,6 +26,8 @@ class TracedArray(np.ndarray[Any, Any]):
 
     def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **options: Any) -> Any:  # type: ignore[override]
         """Apply a function of numpy: by elements, along an axis, or as a product of matrices."""
+        if how == "__call__" and (lines_in(given) or cubes_in(given)):
+            return of_numpy(ufunc, *map(_plain, given), **options)
         plain = [np.asarray(value) if isinstance(value, np.ndarray) else value for value in given]
         if ufunc is np.matmul and how == "__call__":
             return array_of(np.matmul(*(value.astype(object) for value in plain)))
@@ -98,6 +100,8 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
         into = out[0] if isinstance(out, tuple) else out
         into[...] = of_numpy(function, *arguments, **options)
         return into
+    if function is np.roll and is_traced([*arguments[1:2], *options.values()]):
+        raise WholeNumberError(f"the function calls numpy.roll by a number of places that is not known yet; {REMEDY}")
     if cubes_in((*arguments, *options.values())):
         return of_cubes(function, *arguments, **options)
     if lines_in((*arguments, *options.values())):
@@ -109,12 +113,14 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
         return array_of(each(function.__name__, arguments))
     if function in _RULES:
         return _RULES[function](*arguments, **options)
-    label = function.__name__
+    label = f"{function.__module__}.{function.__name__}" + (f" with {', '.join(options)}" if options else "")
     try:
         return array_of(function(*map(_plain, arguments), **{key: _plain(value) for key, value in options.items()}))
-    except Exception:  # noqa: BLE001 - whatever numpy makes of objects
-        raise InputError(
-            f"the function calls numpy.{label}, which the language of expressions has not; write it with arithmetic, sums"
+    except Exception as error:  # noqa: BLE001 - whatever numpy makes of objects
+        known = isinstance(error, WholeNumberError)
+        kind = WholeNumberError if known or any(isinstance(value, Traced) for value in arguments) else InputError
+        raise kind(
+            f"the function calls {label}, which the language of expressions has not; write it with arithmetic, sums"
             " and numpy's elementary functions"
         ) from None
 

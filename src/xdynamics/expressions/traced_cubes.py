@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.traced_grid import Grid, IrregularError
 from xdynamics.expressions.traced_indices import axis, bound, flat, index, numbers_along, read_at, replaced
 from xdynamics.expressions.traced_operators import give_operators
@@ -359,7 +360,7 @@ def element(value: Any, grid: Grid) -> Any:
     numbers = np.asarray(value)
     if numbers.dtype == object:
         raise IrregularError("the function joins an array with elements that have an expression each")
-    numbers = numbers.astype(float)
+    numbers = real(numbers).astype(float)
     if not np.isfinite(numbers).all():
         raise IrregularError("the function makes an array with numbers that are not finite")
     if (numbers == numbers.flat[0]).all():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.tracing import node_of
 from xdynamics.expressions.tree import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number
 from xdynamics.faults import InputError
@@ -56,7 +57,7 @@ class Grid:
         IrregularError
             If a number is not finite.
         """
-        numbers = np.asarray(values, float)
+        numbers = np.asarray(real(values), float)
         if not np.isfinite(numbers).all():
             raise IrregularError("the function makes a row with numbers that are not finite")
         if (numbers == numbers.flat[0]).all():

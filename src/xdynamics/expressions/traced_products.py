@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.traced_cubes import Cube, applied_to, combined, shape_of
 from xdynamics.expressions.traced_grid import Grid, IrregularError
 from xdynamics.expressions.traced_indices import axis, index
@@ -63,7 +64,9 @@ def _along(operand: Any, term: str, order: str, sizes: dict[str, int], grid: Gri
             ],
         )
     own = "".join(dict.fromkeys(term))
-    numbers = np.einsum(f"{term}->{''.join(letter for letter in order if letter in own)}", np.asarray(operand, float))
+    numbers = np.einsum(
+        f"{term}->{''.join(letter for letter in order if letter in own)}", np.asarray(real(operand), float)
+    )
     return numbers.reshape([n if letter in own else 1 for letter, n in zip(order, full, strict=True)])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from xdynamics.expressions.conditions import Junction, chosen, counted, is_condition, junction, opposite
 from xdynamics.expressions.numpy_names import COMPARED, NAMED
+from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.scipy_calls import scipy_remedy, special_remedy
 from xdynamics.expressions.tree import FUNCTIONS, Binary, Call, Compare, Name, Negative, Node, Number
 from xdynamics.faults import InputError
@@ -217,6 +218,7 @@ def _as(value: Any) -> Traced:
         return value
     if isinstance(value, np.ndarray) and value.shape == ():
         return _as(value.item())
+    value = real(value)
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -244,14 +246,13 @@ def _joined(operator: str, left: Any, right: Any) -> Any:
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     first, second = _number(left), _number(right)
-    nodes = first.nodes + second.nodes + 1
     if operator == "*" and Number(0.0) in (first.node, second.node):  # a sparse matrix times a vector
         return Traced(Number(0.0))
     if (operator == "+" and first.node == Number(0.0)) or (operator == "*" and first.node == Number(1.0)):
         return second
     if (operator in "+-" and second.node == Number(0.0)) or (operator in "*/" and second.node == Number(1.0)):
         return first
-    return Traced(Binary(operator, first.node, second.node), nodes)
+    return Traced(Binary(operator, first.node, second.node), first.nodes + second.nodes + 1)
 
 
 def _constant(exponent: Any) -> float | None:

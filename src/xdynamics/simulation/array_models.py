@@ -39,13 +39,17 @@ from xdynamics.units import parse_time
 
 MOST_WRITTEN_OUT = 300  # numbers, each with an expression of its own, that are one array of the record
 _BY_PLACES, _BY_AXES, _BY_ELEMENTS = range(3)  # what arrays have an expression of, or each of their elements
+_REDUCED = ("sum", "max", "min")
+Kinds = tuple[type, ...]
 COMPARED = 24  # elements whose expressions are compared with numbers
 
 
 def array_sections(
-    functions: list[RightSide], word: str, starts: list[str], own: list[str], t_span: Any, args: Any
+    functions: list[RightSide], word: str | None, starts: list[str], own: list[str], t_span: Any, args: Any
 ) -> dict[str, Any] | None:
     """Return the sections of a model with one state along a dimension; None if the function is written with numbers.
+
+    Of a function that returns a list of numbers only where the state has a name, `word`; else it is y.
 
     Raises
     ------
@@ -54,6 +58,8 @@ def array_sections(
     """
     if len(set(own)) > 1:
         return None
+    arrays: Kinds = (Field, Cube, np.ndarray) if word is None else (Field, Cube, np.ndarray, list, tuple)
+    word = word or "y"
     scale = f"unit_{word}"
     unit = Traced(Name(scale)) if own[0] != "1" else None
     leaf: Node = Name(word) if unit is None else Binary("/", Name(word), unit.node)
@@ -67,7 +73,7 @@ def array_sections(
     for way in ways:
         grid = Grid(word, len(starts), leaf)
         tables = Substitution(None if way == _BY_ELEMENTS else grid, by_axes=way == _BY_AXES)
-        write = partial(_written_down, functions, tables, _unknown(way, grid, unit), grid)
+        write = partial(_written_down, functions, tables, _unknown(way, grid, unit), grid, arrays)
         try:
             written, given, parameters = with_arguments(write, functions[0], args, [word])
             _check_numbers(written, grid, t_span, numbers, given, args, tables)
@@ -141,25 +147,26 @@ def _parameter(grid: Grid, values: Floats) -> dict[str, Any]:
 
 
 def _written_down(
-    functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arguments: list[Any]
+    functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arrays: Kinds, arguments: list[Any]
 ) -> list[WrittenFunction]:
-    """Write functions down, twice; nothing, if the right-hand side returns single numbers."""
-    first, second = (_once(functions, tables, y, grid, arguments) for _ in range(2))
+    """Write functions down, twice; nothing, if the right-hand side returns something other than arrays."""
+    first, second = (_once(functions, tables, y, grid, arrays, arguments) for _ in range(2))
     check_repeating(first, second)
     return first
 
 
 def _once(
-    functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arguments: list[Any]
+    functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arrays: Kinds, arguments: list[Any]
 ) -> list[WrittenFunction]:
     fun, *events = functions
     arguments = [tables.of(argument) for argument in arguments]
     t = name("t") / name("second")
-    rates = with_names(fun, tables, t, y, arguments)
+    rates: Any = with_names(fun, tables, t, y, arguments)
     if isinstance(rates, list | tuple) and cubes_in(rates):
         rates = of_cubes(np.stack, rates)
-    if not isinstance(rates, Field | Cube | np.ndarray):
+    if not isinstance(rates, arrays) or (isinstance(rates, list | tuple) and any(map(np.ndim, rates))):
         return []
+    rates = np.array(rates, object) if isinstance(rates, list | tuple) else rates
     if np.size(rates) != grid.size if isinstance(rates, np.ndarray) else rates.size != grid.size:
         raise InputError(f"{called(fun)} returns {rates.size} rates, and y0 has {grid.size} numbers")
     rate = _rate_of(rates, grid)
@@ -236,13 +243,26 @@ def _check_numbers(
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
         for i, part in enumerate(written):
             wanted: list[Mapping[str, int]] = [{grid.dim: place} for place in places] if i == 0 else [{}]
-            nodes = [at(part.nodes[0], place, shapes) for place in wanted] if not grid.extents else []
-            if grid.extents:  # sums over many elements: as arrays
-                arrays = {"t": t, **known, **values_of(tables.tables, t), grid.name: y, **grid.lists}
-                nodes = _evaluated(part.nodes[0], grid.dim if i == 0 else "", arrays, shapes, places if i == 0 else [0])
+            tree = part.nodes[0]
+            as_arrays = bool(grid.extents) or any(map(_is_of_sums, every(tree)))  # over many elements, for each
+            nodes = [] if as_arrays else [at(tree, place, shapes) for place in wanted]
+            if as_arrays:
+                arrays = {"t": t, **known, **values_of(tables.tables, t), grid.name: y, **grid.lists, **grid.constants}
+                nodes = _evaluated(tree, grid.dim if i == 0 else "", arrays, shapes, places if i == 0 else [0])
             span = abs(end - begin) if i == 0 and end != begin else 1.0
             call = partial(_some, part.function, t, y, row, places if i == 0 else [0])
             check_numbers(called(part.function), part.words * len(nodes), nodes, call, values, least / span)
+
+
+def _is_of_sums(node: Node) -> bool:
+    """Whether this is a sum, or an extreme, of others, which written out grow as the square of the elements."""
+    return (
+        isinstance(node, Along)
+        and node.function in _REDUCED
+        and any(
+            isinstance(inner, Along) and inner.function in _REDUCED for part in node.arguments for inner in every(part)
+        )
+    )
 
 
 def _evaluated(tree: Node, dim: str, values: Mapping[str, Any], shapes: Shapes, places: list[int]) -> list[Node]:
@@ -252,4 +272,4 @@ def _evaluated(tree: Node, dim: str, values: Mapping[str, Any], shapes: Shapes, 
 
 
 def _some(function: RightSide, t: float, y: Floats, row: list[Any], places: list[int]) -> Any:
-    return np.asarray(with_numbers(function, t, y, row), float).ravel()[places]
+    return np.asarray(with_numbers(function, t, y, row)).ravel()[places]

@@ -15,6 +15,7 @@ from xdynamics.expressions.repeating import check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution
 from xdynamics.expressions.tracing import Traced, WholeNumberError, name, node_of, traced
 from xdynamics.faults import InputError
+from xdynamics.model.links import MOST_ELEMENTS
 from xdynamics.model.name_consistency import RESERVED
 from xdynamics.units import parse_quantity, parse_time, parse_unit
 
@@ -108,6 +109,12 @@ def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
         If there are more or fewer units than numbers, or a number is not real or in another dimension.
     """
     row = [y0] if isinstance(y0, str | int | float) else list(y0)
+    if np.ndim(y0) > 1 or not row:
+        shape = np.shape(y0)
+        remedy = "give y0.ravel(), and fun reshapes it: y.reshape(…)" if row else "there is nothing to march"
+        raise InputError(f"y0 has shape {shape}, needs one axis of at least one number; {remedy}")
+    if len(row) > MOST_ELEMENTS:
+        raise InputError(f"y0 has {len(row)} numbers, needs 1 to {MOST_ELEMENTS}")
     declared = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
     if declared is not None and len(declared) != len(row):
         raise InputError(f"units are {len(declared)}, and y0 has {len(row)} numbers")
@@ -115,12 +122,17 @@ def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
     for i, start in enumerate(row):
         if isinstance(start, complex) or np.ndim(start):
             raise InputError(f"y0[{i}] is {start!r}, needs a real number; write real and imaginary parts apart")
-        quantity = parse_quantity(start if isinstance(start, str) else float(start))
-        unit = parse_unit(declared[i]) if declared is not None else quantity.unit
-        bare = not isinstance(start, str)
-        if not bare and quantity.unit.dimension != unit.dimension:
-            raise InputError(f"y0[{i}] is {start!r}, and its unit '{unit.text}'")
-        quantities.append(f"{quantity.value!r} {unit.text if bare else quantity.unit.text}")
+        if not isinstance(start, str) and not np.isfinite(start):
+            raise InputError(f"y0[{i}] is {float(start)!r}, needs a finite number")
+        if isinstance(start, str):
+            quantity = parse_quantity(start)
+            unit = parse_unit(declared[i]) if declared is not None else quantity.unit
+            if quantity.unit.dimension != unit.dimension:
+                raise InputError(f"y0[{i}] is {start!r}, and its unit '{unit.text}'")
+            quantities.append(f"{quantity.value!r} {quantity.unit.text}")
+        else:
+            unit = parse_unit("1" if declared is None else declared[i])
+            quantities.append(f"{float(start)!r} {unit.text}")
         own.append(unit.text)
     return quantities, own
 
@@ -128,7 +140,12 @@ def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
 def numbers_of(starts: list[str], own: list[str]) -> Floats:
     """Return initial values as numbers of their units."""
     return np.array(
-        [parse_quantity(start).si / float(parse_unit(unit).factor) for start, unit in zip(starts, own, strict=True)]
+        [
+            float(start[:-2])
+            if unit == "1" and start.endswith(" 1")
+            else parse_quantity(start).si / float(parse_unit(unit).factor)
+            for start, unit in zip(starts, own, strict=True)
+        ]
     )
 
 

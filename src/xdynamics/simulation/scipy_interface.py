@@ -88,8 +88,9 @@ def solve(
         Further arguments; single numbers become parameters of the model, called as in the signature.
     names : str or sequence of str, optional
         Of the numbers in y; else y0, y1, …. With one name, as with more than ten numbers and none, a function that is
-        written with arrays (slices, `numpy.roll`, ``A @ y``, sums …) stays one expression, of a state ``y(step, y_index)``;
-        where its arrays cannot be told as rows of neighbours, up to 300 elements have one each.
+        written with arrays (slices, `numpy.roll`, ``A @ y``, sums …), with one name also one that returns a list, stays
+        one expression, of a state ``y(step, y_index)``; where its arrays cannot be told as rows of neighbours, up to 300
+        elements have one each.
     units : str or sequence of str, optional
         Of the numbers in y, in which `fun` has them; ``1`` by default. Time is in s.
     path, **settings
@@ -152,7 +153,7 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
     functions = [fun, *listed(events)]
     sections = None
     if isinstance(names, str) or (names is None and len(starts) > MOST_NAMED):
-        sections = array_sections(functions, names or "y", starts, own, t_span, args)
+        sections = array_sections(functions, names, starts, own, t_span, args)
         names = None
     if sections is None:
         sections = named_sections(functions, names, starts, own, t_span, args)
