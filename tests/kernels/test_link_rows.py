@@ -68,17 +68,46 @@ def test_runs_side_by_side_meet_once(runs: int) -> None:
 
 
 def test_rows_are_side_by_side_in_tiles() -> None:
-    """Assert quotients of eight rows at once, with an element left over, with eight, and among the rows; and single ones."""
-    for n, tiles, single in ((15, 0, 1), (16, 8 + 7, 0), (17, 1 + 8 + 7, 1), (18, 1 + 8 + 7, 1)):
+    """Assert one quotient of all rows of a tile, half as many rows where there would be less than two, and none alone."""
+    for n, rows in ((8, 4), (15, 4), (16, 8), (17, 8), (40, 8)):
         text = llvm_of([meetings(n)], abreast=8)
-        assert text.count("fdiv <8 x double>") == tiles
-        assert text.count("fdiv double") == single
+        assert text.count(f"fdiv <{rows} x double>") == 1
+        assert text.count("fdiv") == 1
+    assert llvm_of([meetings(7)], abreast=8).count("fdiv double") == 21
 
 
 def test_the_text_is_as_long_for_any_number() -> None:
     """Assert that a thousand elements take as many lines as forty, and any remainder by eight as many as any other."""
     for numbers in ((40, 1000), (41, 42, 47, 1003)):
         assert len({llvm_of([meetings(n)], abreast=8).count("\n") for n in numbers}) == 1
+
+
+def energies(n: int) -> Program:
+    """A sum over every two of n elements, each with those after it, of terms that take long: by the total so far."""
+    links = (
+        Load("qj", element("p", 0, "j")),
+        Compute("both", "add", ("qi", "qj")),
+        Compute("term", "divide", ("qi", "both")),
+        Compute("half", "multiply", ("total", 0.5)),
+        Compute("new", "add", ("half", "term")),
+    )
+    row = Reduction("j", n, links, ("new",), ("total",), "newest", ("so_far",), above="i")
+    rows = Reduction("i", n, (Load("qi", element("p", 0, "i")), row), ("total",), ("so_far",), "newest")
+    return Program("energies", "A sum.", (rows, StoreTo(Place("z"), "so_far")))
+
+
+@pytest.mark.parametrize("n", [2, 7, 8, 9, 17, 40])
+def test_terms_side_by_side_are_joined_one_by_one(n: int) -> None:
+    """Assert that a total of quotients, halved at each, has the bits of plain Python however many come at once."""
+    q, wanted = np.random.default_rng(n).normal(size=n) * 10.0 ** np.arange(n)[::-1], 0.0
+    for i in range(n):
+        for j in range(i + 1, n):
+            wanted = wanted * 0.5 + q[i] / (q[i] + q[j])
+    for call in (in_python(energies(n)), *(compiled(energies(n), abreast=wide) for wide in WIDTHS)):
+        z = np.full(1, 7.0)
+        call(p=q, z=z)
+        assert z[0] == wanted
+    assert "fdiv <8 x double>" in llvm_of([energies(40)], abreast=8)
 
 
 SET = StoreTo(element("z", 0, "i"), "total")

@@ -31,11 +31,7 @@ class LinkRows:
     before : tuple of Line
         Lines before the row.
     links : Reduction
-        The row, without sums: those that it adds to, and its own.
-    joining : tuple of Line
-        Lines that join what a link gives to the row's own sums.
-    alone : tuple of Line
-        Both.
+        The row, without the sums of other elements that it adds to.
     added : tuple of (Place, operand, str)
         To which number of the other element each link adds what; or "subtract", a number whose negative it adds.
     after : tuple of Line
@@ -44,8 +40,6 @@ class LinkRows:
 
     before: tuple[Line, ...]
     links: Reduction
-    joining: tuple[Line, ...]
-    alone: tuple[Line, ...]
     added: tuple[tuple[Place, Operand, str], ...]
     after: tuple[Line, ...]
 
@@ -78,14 +72,14 @@ def link_rows(line: Loop) -> LinkRows | None:
     changed = {place.array for place, *_ in added} | {place.array for place in stored}
     read = {inner.place.array for inner in nested((*before, *rest, *after)) if isinstance(inner, Load)}
     sums = {place.array for place, *_ in added}
-    joining = _after(links.totals, rest)
+    links = replace(links, body=rest)
     if (
         not added
         or len({place for place, *_ in added}) < len(added)
         or any(isinstance(inner, StoreTo) and inner.place.array not in line.own for inner in rest)
         or sums & line.own
         or read & changed
-        or {term for _, term, _ in added} & {*links.totals, *(inner.target for inner in joining)}
+        or {term for _, term, _ in added} & {*links.totals, *(inner.target for inner in apart_from_totals(links)[1])}
         or any(place.array in sums and place not in own for place in stored)
         or not all(
             apart([_of_links(place, links) for place, *_ in added if place.array == array], {links.index: links.count})
@@ -93,8 +87,19 @@ def link_rows(line: Loop) -> LinkRows | None:
         )
     ):
         return None
-    alone = tuple(inner for inner in rest if inner not in joining)
-    return LinkRows(before, replace(links, body=alone), joining, rest, added, after)
+    return LinkRows(before, links, added, after)
+
+
+def apart_from_totals(line: Reduction) -> tuple[tuple[Line, ...], tuple[Compute, ...]]:
+    """Return the lines of a pass that do not read its totals, and those that read them, or what others of them compute."""
+    known, lines, joining = set(line.totals), list[Line](), list[Compute]()
+    for inner in line.body:
+        if isinstance(inner, Compute) and known.intersection(inner.arguments):
+            known.add(inner.target)
+            joining.append(inner)
+        else:
+            lines.append(inner)
+    return tuple(lines), tuple(joining)
 
 
 def _sums(lines: Iterable[Line]) -> Iterator[Line]:
@@ -112,16 +117,6 @@ def _of_row(place: Place, other: str, own: str) -> Place:
 def _of_links(place: Place, links: Reduction) -> Place:
     """Return a place without indices of loops around the rows, which are the same for all of them."""
     return replace(place, strides=tuple((index, by) for index, by in place.strides if index == links.index))
-
-
-def _after(names: Iterable[str], lines: Iterable[Line]) -> tuple[Compute, ...]:
-    """Return the lines that read one of these names, or what others of them compute."""
-    known, found = set(names), list[Compute]()
-    for line in lines:
-        if isinstance(line, Compute) and known.intersection(line.arguments):
-            known.add(line.target)
-            found.append(line)
-    return tuple(found)
 
 
 def _added(links: Reduction) -> tuple[tuple[tuple[Place, Operand, str], ...], tuple[Line, ...]]:

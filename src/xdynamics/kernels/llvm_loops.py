@@ -6,15 +6,17 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
-from xdynamics.elementary import PAIRS
+from xdynamics.elementary import FUNCTIONS, PAIRS
 from xdynamics.elementary.bounds import Interval
 from xdynamics.elementary.double_double import DoubleDouble
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
 from xdynamics.elementary.text import called_intervals, written_double_doubles, written_intervals
 from xdynamics.kernels.jets.series import HALF, MIDDLE, ODD, ORDER
+from xdynamics.kernels.link_rows import apart_from_totals
 from xdynamics.kernels.llvm_places import Index, Places
 from xdynamics.kernels.program import (
     DOUBLE_DOUBLE,
@@ -36,6 +38,7 @@ from xdynamics.kernels.program import (
 
 UNIFORM = frozenset((ORDER, HALF, ODD, MIDDLE))  # indices that all elements share
 UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
+LONG = frozenset(("divide", "sqrt", *FUNCTIONS))  # operations that take longer than to join a term
 WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
 
@@ -213,10 +216,48 @@ class LoopText(ABC):
         beyond = self._lines.line("p", f"add i64 {of.value}, {self._lines.lanes if of.step else 1}").text
         made, masked = partial(self._made, line), partial(self._made, line, masked=True)
         if not of.step:
-            return self._inner(made, *(("0", of.value) if line.below else (beyond, str(line.count))), totals)
+            return self._ascending(line, *(("0", of.value) if line.below else (beyond, str(line.count))), totals)
         if line.below:
             return self._inner(masked, of.value, beyond, self._inner(made, "0", of.value, totals))
         return self._inner(made, beyond, str(line.count), self._inner(masked, of.value, beyond, totals))
+
+    def _ascending(self, line: Reduction, first: str, last: str, totals: list[Value]) -> list[Value]:
+        """Print passes between two numbers; terms that take long come side by side, and are joined one after the other."""
+        if self._takes_long(line):
+            number = self._lines.line("p", f"sub i64 {last}, {first}").text
+            whole = self._lines.line("p", f"and i64 {number}, {-self._abreast}").text
+            begun = self._lines.line("p", f"add i64 {first}, {whole}").text
+            totals = self._inner(partial(self._made_abreast, line), first, begun, totals, self._abreast)
+            first = begun
+        return self._inner(partial(self._made, line), first, last, totals)
+
+    def _takes_long(self, line: Reduction) -> bool:
+        """Whether terms of a single run may be computed side by side, and gain by that."""
+        return (
+            self._abreast > self._runs == self._lines.lanes
+            and line.kind == FLOAT
+            and not (line.where or self._reads_row(line))
+            and all(isinstance(inner, Load | Compute) for inner in line.body)
+            and any(isinstance(inner, Compute) and inner.operation in LONG for inner in apart_from_totals(line)[0])
+        )
+
+    def _made_abreast(self, line: Reduction, index: Index, totals: list[Value]) -> list[Value]:
+        """Print what terms of neighbours need side by side; return totals that they are joined to one after the other."""
+        wide, kind = self._abreast, f"<{self._abreast} x double>"
+        lines, joining = apart_from_totals(line)
+        read = {*line.terms, *(name for inner in joining for name in inner.arguments)}
+        named = [inner.target for inner in lines if isinstance(inner, Load | Compute) and inner.target in read]
+        with self._side_by_side(wide), self._pass(replace(line, body=lines, totals=()), Index(index.value, 1), []):
+            made = {name: self._number(name).text for name in named}
+        values, self._values = self._values, dict(self._values)
+        for lane in range(wide):
+            self._values.update(zip(line.totals, totals, strict=True))
+            for name, text in made.items():
+                self._values[name] = self._lines.line("n", f"extractelement {kind} {text}, i64 {lane}")
+            self._print(joining)
+            totals = self._joined(line, totals)
+        self._values = values
+        return totals
 
     def _inner(self, made: Pass, first: str, last: str, totals: list[Value], step: int = 1) -> list[Value]:
         """Print passes between two numbers that are known when they are made; there may be none."""
