@@ -58,10 +58,13 @@ class Law:
         Of the model with a scheme.
     sampled : bool
         Whether a step keeps every force evaluation.
+    energies : bool
+        Whether machine code writes energies to rows, which are a sum over all links; they stay in `source`.
     """
 
     layout: Layout
     sampled: bool
+    energies: bool = True
 
     @property
     def scheme(self) -> Scheme:
@@ -152,7 +155,7 @@ class Law:
 
     @cached_property
     def _key(self) -> str:
-        return law_cache.key_of(self.layout, sampled=self.sampled)
+        return law_cache.key_of(self.layout, sampled=self.sampled, energies=self.energies)
 
     @property
     def _can_be_kept(self) -> bool:
@@ -228,6 +231,9 @@ class Law:
         """Return the law as LLVM text, without some of the programs."""
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
         programs = [entry for entry in self.programs if entry not in without]
+        if not self.energies:
+            row = model_programs.row(self.layout, self.steps.memory, energies=False)
+            programs = [row if entry.name == row.name else entry for entry in programs]
         abreast = 1
         if model_programs.has_loops(self.layout.model):
             abreast, layout = machine.vector_lanes() // 2, self.layout
@@ -311,14 +317,19 @@ def _alone(names: tuple[str, ...]) -> machine.Code:
 
 
 @lru_cache(maxsize=128)
-def law_of(layout: Layout, *, sampled: bool) -> Law:
+def law_of(layout: Layout, *, sampled: bool, energies: bool = True) -> Law:
     """Return the law of a layout, made once for all models that differ in numbers alone.
+
+    Without `energies` rows of models with dimensions have none, but where contacts judge impacts by them.
 
     Its layout is that of the first such model: names and places hold for all of them, numbers do not.
     """
+    energies = (
+        energies or bool(layout.model.contacts) or not model_programs.has_loops(layout.model) or layout.is_doubled
+    )
     if layout.model.python_functions:
-        return Law(layout, sampled)
-    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled), layout))
+        return Law(layout, sampled, energies)
+    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled, energies), layout))
 
 
 @dataclass(frozen=True)
@@ -331,7 +342,7 @@ class _Form:
 
 @lru_cache(maxsize=64)
 def _law_of_form(form: _Form) -> Law:
-    return Law(form.layout, form.key[-1])
+    return Law(form.layout, *form.key[-2:])
 
 
 def _entered(run: float, entry: float, t: float, z: NDArray[np.float64]) -> None:

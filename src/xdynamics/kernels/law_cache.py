@@ -48,10 +48,10 @@ class Printed:
     equations: tuple[NewtonSystem, ...]
 
 
-def key_of(layout: Layout, *, sampled: bool) -> str:
+def key_of(layout: Layout, *, sampled: bool, energies: bool) -> str:
     """Return a digest of what a law and its machine code follow from: form, method, printers and processor."""
     model = layout.model
-    origin = (model.form, repr(layout.scheme), str(sampled))
+    origin = (model.form, repr(layout.scheme), str(sampled), str(energies))
     return cache.digest("printed", *origin, _printers(), *machine.processor())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -44,6 +44,7 @@ from xdynamics.model.whole import (
     shapes_of,
     shapes_of_changes,
 )
+from xdynamics.schema import ENERGIES
 from xdynamics.shapes import at
 from xdynamics.shapes.blocks import Blocks
 
@@ -98,20 +99,22 @@ def _of_states(layout: Layout) -> Nests:
     return Nests(shapes_of(layout.model) if has_loops(layout.model) else layout.model.shapes, names, names.first)
 
 
-def _derived(nests: Nests, layout: Layout, first: int) -> None:
-    """Write energies, observables and gaps to `z`, of a model with dimensions in loops."""
+def _derived(nests: Nests, layout: Layout, first: int, left_out: Container[str] = ()) -> None:
+    """Write energies, observables and gaps to `z`, of a model with dimensions in loops; some may be left out."""
     if has_loops(layout.model):
         results, place = [], first
         for name, (dims, tree) in layout.wholes.items():
-            results.append((name, dims, tree, Place("z", place)))
+            if name not in left_out:
+                results.append((name, dims, tree, Place("z", place)))
             place += math.prod(layout.model.shapes.shape(dims))
         with suppress(UnprintedError):
             _of_states(layout).results(results)  # of lines that are thrown away
             nests.results(results)
             return
     lines = nests.outermost
-    for i, tree in enumerate(layout.derived.values()):
-        lines.store(Place("z", first + i), lines.value(tree))
+    for i, (name, tree) in enumerate(layout.derived.items()):
+        if name not in left_out:
+            lines.store(Place("z", first + i), lines.value(tree))
 
 
 def expanded(layout: Layout, degree: int) -> Expansion:
@@ -239,10 +242,11 @@ def _passed(lines: Assignments, layout: Layout, first: int, reached: Operand) ->
         lines.store(places[0], lines.compute("multiply", now, matters))
 
 
-def row(layout: Layout, memory: int) -> Program:
+def row(layout: Layout, memory: int, *, energies: bool = True) -> Program:
     """Write a row of the log: the state with energies and observables, and for a step its error and its effort.
 
-    `memory` is where in `w` the numbers of switches declared smooth begin.
+    `memory` is where in `w` the numbers of switches declared smooth begin; without `energies` their places keep
+    whatever they hold, and are not judged.
     """
     first = len(("time", "step_size"))
     nests = _of_states(layout)
@@ -253,8 +257,9 @@ def row(layout: Layout, memory: int) -> Program:
     kept = Load("_kept", element("y")), StoreTo(element("z", first), "_kept")
     copied = Loop("i", layout.state.size, kept)
     first += layout.state.size
-    _derived(nests, layout, first)
-    sound = (first, len(layout.derived))
+    left_out = [] if energies else [name for name in layout.derived if name in ENERGIES]
+    _derived(nests, layout, first, left_out)
+    sound = (first + len(left_out), len(layout.derived) - len(left_out))
     first += len(layout.derived)
     body: list[Instruction] = [copied]
     if layout.errors:

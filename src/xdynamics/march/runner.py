@@ -81,7 +81,7 @@ class March:
         self.settings = settings
         self.progress = progress
         self.layout: Layout = settings.layout(model)
-        self.law: Law = law_of(self.layout, sampled=settings.samples)
+        self.law: Law = law_of(self.layout, sampled=settings.samples, energies=settings.energies)
         self.times = times
         self.interrupted = False
         self.stopping_event = ""

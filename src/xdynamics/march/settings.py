@@ -28,7 +28,7 @@ from xdynamics.model import Model
 from xdynamics.model.controllers import actions, alarms, exact_time, faults_of_ticks
 from xdynamics.model.parts import MOST_REACTIONS
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
-from xdynamics.schema import sampled
+from xdynamics.schema import ENERGIES, sampled
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
 from xdynamics.units.rounded import exact_value
 
@@ -171,6 +171,11 @@ class Settings:
     def keeps_samples(self) -> bool:
         """Whether the record may have columns of force samples."""
         return self.log == FULL or (self.log != STATES and any(name.startswith(sampled("")) for name in self.log))
+
+    @property
+    def energies(self) -> bool:
+        """Whether the record has columns of energies."""
+        return self.log == FULL or (self.log != STATES and any(name in ENERGIES for name in self.log))
 
     def located_within(self, asked: Quantity | None) -> float:
         """Return a time tolerance, s: the requested one, or by default that of all events."""

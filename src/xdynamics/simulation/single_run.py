@@ -142,7 +142,8 @@ def simulate(
         Which columns to record: all; times, steps, flags, coordinates, velocities, states and their errors; or beside
         times, steps and flags those that are named, ``["x", "total_energy"]``. Events and rejected trials are whole.
         By default all; of a model with dimensions whose state has over 1,000 numbers the second.
-        `complete` adds the rest, to the bits.
+        `complete` adds the rest, to the bits. Of a model with dimensions, energies that are not recorded are not
+        computed: one that is not finite ends no march.
     compress : bool
         Whether an archive of the run is compressed, by zlib with shuffled bytes: the same numbers and digests, in half of
         the bytes (a trajectory) to a seventh of them (what hardly changes); see `save` for what it costs.
