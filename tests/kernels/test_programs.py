@@ -327,9 +327,10 @@ def test_what_laws_are_kept_by() -> None:
         *(replace(scheme, **{key: "another"}) for key in ("estimator", "summation", "math_functions")),
     ]
     layouts = [layout_of(model, one) for one in (scheme, *others)] + [layout_of(model_named("kepler"), scheme)]
-    keys = [key_of(layout, sampled=sampled) for layout in layouts for sampled in (True, False)]
-    assert len(set(keys)) == len(keys) == 12
-    assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True) == keys[0]
+    both = [(sampled, energies) for sampled in (True, False) for energies in (True, False)]
+    keys = [key_of(layout, sampled=one, energies=other) for layout in layouts for one, other in both]
+    assert len(set(keys)) == len(keys) == 24
+    assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True, energies=True) == keys[0]
 
 
 @pytest.mark.parametrize(("argument", "header"), [("t", "time [s]"), ("x", "x [m]")])

@@ -156,7 +156,8 @@ def trees_in(part: Any) -> Iterator[Node]:
             yield from trees_in(value)
     elif isinstance(part, (tuple, list)):
         for value in part:
-            yield from trees_in(value)
+            if type(value) is not float:  # of which a table may have a million
+                yield from trees_in(value)
     elif is_dataclass(part):
         for own in fields(part):
             yield from trees_in(getattr(part, own.name))
