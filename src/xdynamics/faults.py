@@ -153,14 +153,14 @@ def few(names: Iterable[str]) -> str:
 
 
 def brief(value: object) -> str:
-    """Write a value as Python does, cut short where it is long.
+    """Write a value as Python does, in one line, cut short where it is long.
 
     Examples
     --------
     >>> brief([1, 2]), brief("a" * 200)
     ('[1, 2]', "'aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa …")
     """
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN // 2]} …"
 
 

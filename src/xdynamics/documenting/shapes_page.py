@@ -49,7 +49,11 @@ CLOSING = (
     "In [mass], matrix = [[…], …] has an entry for every two coordinates; it couples elements whose shared dimensions agree.",
     "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
     "Values are a list (of lists), values = { label = … }, a table, or an expression of index(…), and at the start of parameters.",
-    "An element is named the same way elsewhere: --quantity 'u[3]', --axis 'm[Sun]=1:2:5 kg', parameters={'m[Sun]': …}.",
+    (
+        "In Python they are arrays of numpy too, DataFrames in the place of tables, and DataArrays, which have their unit in the"
+        " attribute units and may stand in any order of dimensions and labels: initial={'r': run.r.isel(step=-1)}."
+    ),
+    "An element is named by its labels, or its number from 0, elsewhere too: --quantity 'u[3]', --axis 'm[Sun]=1:2:5 kg', parameters={'m[Sun]': …}.",
 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -292,8 +292,8 @@ def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -
     return "," if commas else "."
 
 
-def written(columns: dict[str, Any]) -> str:
-    """Write columns, by their titles, as CSV text that reads back as the same numbers.
+def written(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
+    """Write columns, by their titles, as CSV text that reads back as the same numbers; those of labels as they are.
 
     Raises
     ------
@@ -305,7 +305,7 @@ def written(columns: dict[str, Any]) -> str:
     import numpy as np
 
     try:
-        values = {name: np.asarray(value, float).ravel() for name, value in columns.items()}
+        values = {name: np.asarray(value, str if name in labels else float).ravel() for name, value in columns.items()}
     except (TypeError, ValueError):
         raise InputError(
             f"columns {', '.join(map(shown, map(str, columns)))} hold something else than numbers"
@@ -317,7 +317,7 @@ def written(columns: dict[str, Any]) -> str:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(values)
     rows.writerows(
-        tuple("" if value != value else repr(value) for value in row)
+        tuple(value if isinstance(value, str) else "" if value != value else repr(value) for value in row)
         for row in zip(*(value.tolist() for value in values.values()), strict=True)
     )
     return text.getvalue()

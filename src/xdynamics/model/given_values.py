@@ -14,6 +14,7 @@ from xdynamics.model.csv_sheet import Sheet, title
 from xdynamics.model.csv_sheet import shown as shown_cell
 from xdynamics.model.element_room import check_room
 from xdynamics.model.kinds import Source
+from xdynamics.model.python_values import as_in_file, is_array
 from xdynamics.model.table_keys import near
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
 from xdynamics.shapes import Extent, Shapes
@@ -60,9 +61,8 @@ class Values:
 def is_of_elements(entry: Any) -> bool:
     """Whether an entry has values for elements, or is an expression."""
     if isinstance(entry, Mapping):
-        value = entry.get("value")
-        return any(key in entry for key in OF_ELEMENTS) or isinstance(value, list | tuple) or is_expression(value)
-    return isinstance(entry, list | tuple) or is_expression(entry)
+        return any(key in entry for key in OF_ELEMENTS) or is_of_elements(entry.get("value"))
+    return isinstance(entry, list | tuple) or is_array(entry) or is_expression(entry)
 
 
 def is_expression(value: Any) -> bool:
@@ -85,7 +85,7 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
 
     Parameters
     ----------
-    entry : str, list or mapping
+    entry : str, list, mapping or array
     name : str
     source : Source
     dims : tuple of str, optional
@@ -96,9 +96,10 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
     InputError
         Naming the key, what it is and what was needed.
     """
+    shapes = source.shapes
+    entry = as_in_file(entry, name, dims, shapes)
     if not isinstance(entry, Mapping):
         entry = {"value": entry}
-    shapes = source.shapes
     if dims is None:
         dims = _dims(entry.get("dims", ()), shapes)
     elif "dims" in entry:
@@ -186,8 +187,9 @@ def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, .
         if type(entry) is float and isfinite(entry):  # of a long list each is one
             numbers.append(entry)
             continue
+        entry = entry.item() if hasattr(entry, "item") else entry  # noqa: PLW2901 - a number of numpy
         if isinstance(entry, bool) or not isinstance(entry, str | int | float):
-            raise InputError(f"value has {entry!r}, needs numbers, or numbers with a unit")
+            raise InputError(f"value has {brief(entry)}, needs numbers, or numbers with a unit")
         quantity = parse_quantity(entry)
         if not isinstance(entry, str):
             numbers.append(float(entry))
@@ -223,7 +225,7 @@ def _from_table(
     columns = entry.get("columns", [entry.get("column", name)])
     extents = [source.shapes.extent(dim) for dim in dims]
     if not isinstance(columns, list | tuple) or not all(isinstance(column, str) for column in columns):
-        raise InputError(f"columns is {columns!r}, needs a list of names of columns")
+        raise InputError(f"columns is {brief(columns)}, needs a list of names of columns")
     if len(columns) != (extents[1].size if len(dims) > 1 else 1):
         needed = f"{extents[1].size}, one for each of '{dims[1]}'" if len(dims) > 1 else "one"
         raise InputError(f"columns names {len(columns)}, needs {needed}")

@@ -56,7 +56,7 @@ class Model(ModelTrees):
         `definitions`, `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
         `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping with the keys of the file. A
         force component may also be a numba-compilable Python function whose arguments are declared names; it takes and
-        returns SI floats.
+        returns SI floats; values of elements may be arrays of numpy, or DataArrays with the attribute `units`.
 
     Raises
     ------

@@ -22,6 +22,7 @@ from xdynamics.model.lagrangian import TERMS, motion_of
 from xdynamics.model.links import related
 from xdynamics.model.parts import DIRECTIONS, STRIKE, Coordinate
 from xdynamics.model.python import Functions
+from xdynamics.model.python_values import is_array
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
 from xdynamics.model.table_keys import choice, keys, near
@@ -97,7 +98,7 @@ def _arrays(
     dims = {name: part.dims for name, part in (moving | parts.get("states", {})).items()}
     for name, entry in table.items():
         declared = dims.get(name, ()) if key == "initial" else None
-        if declared or (is_of_elements(entry) and (key == "initial" or isinstance(entry, Mapping))):
+        if declared or (is_of_elements(entry) and (key == "initial" or isinstance(entry, Mapping) or is_array(entry))):
             with ledger.entry(f"{SECTIONS[key].entry} '{name}'"):
                 keys(entry if isinstance(entry, Mapping) else {}, SECTIONS[key].known, ())
                 arrays[name] = values_of(entry, name, source, declared)

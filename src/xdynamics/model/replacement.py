@@ -105,7 +105,7 @@ def _whole(old: Mapping[str, Any], value: Any) -> Any:
 def _value(entry: str, old: Any, value: Any) -> Any:
     """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
     if isinstance(old, Mapping) and isinstance(old.get("value"), list):
-        value = value.tolist() if hasattr(value, "tolist") else value
+        value = {"value": value} if hasattr(value, "dims") else value.tolist() if hasattr(value, "tolist") else value
         return {**value, "dims": old["dims"]} if isinstance(value, Mapping) and "dims" in old else _whole(old, value)
     text = old.get("value") if isinstance(old, Mapping) else old
     if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import reaction_names, schema
 from xdynamics.expressions import text_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, few
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import LogBlock, March, Settings
@@ -83,9 +83,9 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
         log, quantities = expanded(log, by_rows, shapes), of_wholes(by_rows)
         for name in log:
             if name not in by_rows:
+                meant = near(name, quantities).partition("; there are")[0]
                 raise InputError(
-                    f"log names '{name}', which is no column of this run's log{near(name, quantities)}; there are"
-                    f" {', '.join(quantities)}"
+                    f"log names '{name}', which is no column of this run's log{meant}; there are {few(quantities)}"
                 )
     roles = (*ALWAYS, *OF_STATES, schema.LEFT_OVER) if log == STATES else ALWAYS
     if not isinstance(log, str):
