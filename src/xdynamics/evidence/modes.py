@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -27,12 +27,14 @@ from xdynamics.model.tangent_space import count_of_changes, free_coordinates, in
 from xdynamics.record import of_elements
 from xdynamics.record.folding import fold, labelled
 from xdynamics.schema import Variable
-from xdynamics.stability import LinearSystem, decay_limit, oscillator_limit, stable_step_of
+from xdynamics.stability import LinearSystem, NormalModes, decay_limit, oscillator_limit, stable_step_of
+from xdynamics.stability.normal_modes import MANY
 from xdynamics.units import NONE, NUMBERS, Unit, spell, unit_suffix
 
 Floats = NDArray[np.float64]
 
 MODES, EIGENVALUES, BY_METHOD = "mode", "eigenvalue", "method"
+MOST_SHOWN = 4  # rows of a matrix in a message
 RIGID = 1e-13  # squares of frequencies below this fraction of the largest are zero but for round-off
 SUGGESTION = (
     "the lesser of T/20 and half the largest step with which no mode grows by more than a hundredth in T, where T is"
@@ -148,14 +150,17 @@ class Spectrum:
     def of(cls, model: Model, linearisation: Linearisation) -> Spectrum:
         """Compute it."""
         jacobian, space = linearisation.reduced, linearisation.displacements
-        eigenvalues = np.linalg.eigvals(jacobian).astype(np.complex128)
-        eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
-        squares, shapes = _normal_modes(*linearisation.along, space)
+        normal = NormalModes.of(*linearisation.along)
+        squares, shapes = _squares_and_shapes(normal, space)
+        free = len(space) == space.shape[1]
+        clean = replace(normal, squares=squares) if free and len(squares) >= MANY else None
+        eigenvalues = np.linalg.eigvals(jacobian) if clean is None else clean.eigenvalues(jacobian)
+        eigenvalues = eigenvalues.astype(np.complex128)[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
         real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
         frequency = np.sqrt(real)
         period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
         methods, scale = list(METHODS.values()), _scale(eigenvalues)
-        system = LinearSystem.of(jacobian, free_coordinates(model), eigenvalues)
+        system = LinearSystem.of(jacobian, free_coordinates(model), eigenvalues, clean)
         stable = np.array([stable_step_of(system, method, model) for method in methods])
         growing = [stable_step_of(system, method, model, growth=0.01 / scale) for method in methods]
         suggested = np.minimum(scale / 20.0, np.array(growing) / 2.0)  # nan where the method refuses the model
@@ -205,8 +210,15 @@ def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str,
     except np.linalg.LinAlgError:
         raise InputError(
             f"model '{model.name}' cannot be linearised at t = {state['t']!r}{unit_suffix(model.time_unit)}: its mass matrix"
-            f" {linearisation.mass.tolist()} is not positive definite there"
+            f" {_shown(linearisation.mass)} is not positive definite there"
         ) from None
+
+
+def _shown(mass: Floats) -> str:
+    """Show a mass matrix, a large one by its size and least eigenvalue."""
+    if len(mass) <= MOST_SHOWN:
+        return str(mass.tolist())
+    return f"of {len(mass)} rows, least eigenvalue {np.linalg.eigvalsh(mass)[0]:.6g} (SI units),"
 
 
 def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
@@ -264,19 +276,11 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     return result
 
 
-def _normal_modes(stiffness: Floats, mass: Floats, space: Floats) -> tuple[NDArray[np.complex128], Floats]:
-    """Solve K u = w**2 M u along displacements; return the squares, ascending, and the shapes as columns."""
-    from scipy import linalg
-
-    n = space.shape[1]
+def _squares_and_shapes(normal: NormalModes, space: Floats) -> tuple[NDArray[np.complex128], Floats]:
+    """Return squares of frequencies without round-off, and shapes as columns, the largest number of each 1."""
+    n, squares, shapes = len(normal.squares), normal.squares.copy(), space @ normal.shapes
     if n == 0:
-        return np.zeros(0, np.complex128), space
-    symmetric = np.abs(stiffness - stiffness.T).max() <= 1e-13 * np.abs(stiffness).max()
-    positive = np.linalg.eigvalsh(mass)[0] > 0.0
-    solve = linalg.eigh if symmetric and positive else linalg.eig
-    squares, shapes = solve(stiffness, mass)
-    order = np.argsort(squares.real, kind="stable")
-    squares, shapes = squares[order].astype(np.complex128), space @ shapes[:, order].real
+        return squares, space
     squares[np.abs(squares) <= n * RIGID * np.abs(squares).max()] = 0.0
     squares.imag[np.abs(squares.imag) <= n * RIGID * np.abs(squares).max()] = 0.0
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)]
@@ -340,7 +344,7 @@ def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
                 "largest_stable_step",
                 model.time_unit.text,
                 "largest step with which no mode grows that does not grow in the model",
-                "0: none; inf: every step; nan: the method refuses the model",
+                "0: none; inf: every step; nan: the method refuses the model; of over 128 coordinates whose damping joins modes within the 128 nearest to growth",
             ),
             spectrum.stable,
         ),

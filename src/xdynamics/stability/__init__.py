@@ -11,9 +11,11 @@ from xdynamics.stability.limits import (
     stiffness,
     surely_stable,
 )
+from xdynamics.stability.normal_modes import NormalModes
 
 __all__ = [
     "LinearSystem",
+    "NormalModes",
     "decay_limit",
     "fastest_rate",
     "oscillator_limit",

@@ -17,6 +17,7 @@ from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import SCALARS, ConstraintImpulse, Evaluation, Line, Solve, TaylorSeries, VectorStatement
 from xdynamics.methods.method import Method
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.stability.normal_modes import SAME_SHAPES, NormalModes
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -24,7 +25,6 @@ Vectors = dict[str, Any]
 
 AT_REST = 1e-6  # a mode that one step changes by less says nothing: it is at rest, or far slower than the step
 SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero apart from round-off
-SAME_SHAPES = 1e-10  # damping between two modes, over the fastest rate, that is round-off
 WORST_SHAPES = 1e6  # condition of the matrix of modes, beyond which they are not told apart
 _ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
@@ -46,16 +46,25 @@ class LinearSystem:
         Set to zero where they are zero apart from round-off; nan where a derivative is not finite.
     fastest : float, s-1
         Size of the fastest eigenvalue before time was scaled.
+    normal : NormalModes, optional
+        Those of the stiffness, where they are known, before time was scaled.
     """
 
     acceleration: Floats
     rate: Floats
     eigenvalues: Complexes
     fastest: float
+    normal: NormalModes | None = None
 
     @classmethod
-    def of(cls, jacobian: Floats, coordinates: int, eigenvalues: Complexes | None = None) -> LinearSystem:
-        """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q; its eigenvalues may be known."""
+    def of(
+        cls,
+        jacobian: Floats,
+        coordinates: int,
+        eigenvalues: Complexes | None = None,
+        normal: NormalModes | None = None,
+    ) -> LinearSystem:
+        """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q; eigenvalues, modes may be known."""
         n = coordinates
         found: Any = eigenvalues
         if found is None:
@@ -69,7 +78,7 @@ class LinearSystem:
         scaled[n:] *= time
         scaled[:, n : 2 * n] /= time
         scaled[n : 2 * n] *= time
-        return cls(scaled[n : 2 * n], scaled[2 * n :], scaled_values, fastest)
+        return cls(scaled[n : 2 * n], scaled[2 * n :], scaled_values, fastest, normal)
 
     @property
     def growing(self) -> NDArray[np.bool_]:
@@ -85,7 +94,30 @@ class LinearSystem:
     @cached_property
     def squares(self) -> Complexes | None:
         """Squares of the frequencies of a system that has a stiffness."""
-        return None if self.stiffness is None else np.linalg.eigvals(self.stiffness).astype(np.complex128)
+        if self.stiffness is None:
+            return None
+        if self.normal is not None and self.fastest > 0.0:
+            return self.normal.squares / self.fastest**2
+        return np.linalg.eigvals(self.stiffness).astype(np.complex128)
+
+    @cached_property
+    def apart(self) -> tuple[Floats, Floats] | None:
+        """Squares of frequencies, and the damping between modes, of a system without rates; None if modes are not told apart."""
+        n = len(self.acceleration)
+        if n < 2 or self.rate.size or not np.isfinite(self.fastest) or self.fastest == 0.0:
+            return None
+        stiffness, damping = -self.acceleration[:, :n], -self.acceleration[:, n:]
+        squares: Any
+        shapes: Any
+        if self.normal is not None and self.normal.symmetric:
+            squares, shapes = self.normal.squares.real / self.fastest**2, self.normal.shapes
+        else:
+            symmetric = np.array_equal(stiffness, stiffness.T)
+            solve: Callable[[Floats], tuple[Any, Any]] = np.linalg.eigh if symmetric else np.linalg.eig
+            squares, shapes = solve(stiffness)
+            if np.iscomplexobj(squares) or np.linalg.cond(shapes) > WORST_SHAPES:
+                return None
+        return squares, np.linalg.solve(shapes, damping @ shapes)
 
     @cached_property
     def modes(self) -> LinearSystem | None:
@@ -93,25 +125,36 @@ class LinearSystem:
 
         It does where damping has the modes of the stiffness, as c v has, and Rayleigh's of mass and stiffness.
         """
-        n = len(self.acceleration)
-        if n < 2 or self.rate.size or not np.isfinite(self.fastest):
+        if self.apart is None:
             return None
-        stiffness, damping = -self.acceleration[:, :n], -self.acceleration[:, n:]
-        symmetric = np.array_equal(stiffness, stiffness.T)
-        solve: Callable[[Floats], tuple[Any, Any]] = np.linalg.eigh if symmetric else np.linalg.eig
-        squares, shapes = solve(stiffness)
-        if np.iscomplexobj(squares) or np.linalg.cond(shapes) > WORST_SHAPES:
+        damped = self.apart[1]
+        joined = np.abs(damped - np.diag(damped.diagonal())).max() > SAME_SHAPES
+        return None if joined else self.uncoupled
+
+    @cached_property
+    def uncoupled(self) -> LinearSystem | None:
+        """The same systems, where damping between modes is left out."""
+        if self.apart is None:
             return None
-        damped = np.linalg.solve(shapes, damping @ shapes)
-        own = damped.diagonal()
-        if np.abs(damped - np.diag(own)).max() > SAME_SHAPES:
-            return None
+        squares, own = self.apart[0], self.apart[1].diagonal()
         half = own / 2.0
         root = np.sqrt((half * half - squares).astype(np.complex128))
         eigenvalues = np.stack([-half - root, -half + root], axis=-1).astype(np.complex128)
         eigenvalues[np.abs(eigenvalues) < SLOWEST] = 0.0
         acceleration = np.stack([-squares, -own], axis=-1)[:, None, :]
-        return LinearSystem(acceleration, np.zeros((n, 0, 2)), eigenvalues, self.fastest)
+        return LinearSystem(acceleration, np.zeros((len(own), 0, 2)), eigenvalues, self.fastest)
+
+    def within(self, chosen: NDArray[np.intp]) -> LinearSystem:
+        """Return the system in the coordinates of some modes, which damping joins."""
+        assert self.apart is not None  # noqa: S101 - who chooses modes has told them apart
+        squares, damped = self.apart[0][chosen], self.apart[1][np.ix_(chosen, chosen)]
+        n = len(chosen)
+        acceleration = np.hstack([-np.diag(squares), -damped])
+        if n == len(self.acceleration):
+            return LinearSystem(acceleration, np.zeros((0, 2 * n)), self.eigenvalues, self.fastest)
+        found = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), acceleration])).astype(np.complex128)
+        found[np.abs(found) < SLOWEST] = 0.0
+        return LinearSystem(acceleration, np.zeros((0, 2 * n)), found, self.fastest)
 
     def repeated(self, times: int) -> LinearSystem:
         """Return systems along a first axis, each some times in a row."""

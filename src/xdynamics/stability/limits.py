@@ -17,6 +17,10 @@ ROUND_OFF = 1e-12  # growth in one step that counts as none
 SMALLEST, FINER, LARGEST = 1e-5, 1e-2, 1e4  # steps that are tried, over the fastest time scale
 CHUNK = 256
 FEW_ENTRIES = 8  # in a row of a matrix, on average, up to which it is multiplied entry by entry
+MANY = 64  # eigenvalues from which on conjugate ones are left out
+FEW_MODES, MOST_MODES = 9, 128  # joined by damping, from which on a search has a guess; that are taken together
+AROUND = np.array([1 / 64, 1 / 8, 1 / 2, 1 / 1.2, 1 / 1.02, 1.02, 1.2, 2.0, 8.0, 64.0])  # first steps, over a guess
+JOINED, CREEPING = 1e-9, 1e-5  # relative width of a bracket at the end of that search; where slow growth is let pass
 NARROW, HALVINGS = 1e-13, 4  # of a bracket: its relative width at the end; halvings that are computed at once
 
 Growth = Callable[[Floats], Floats]  # of each step, relative to what is allowed
@@ -207,17 +211,22 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     Notes
     -----
     For a method that treats all kinds of vector alike each eigenvalue is examined separately, and so are the modes of
-    q'' = -K q - C v for every method, if C has them, too; otherwise the factors of the full step are examined.
+    q'' = -K q - C v for every method, if C has them, too; otherwise the factors of the full step are examined, of over
+    128 coordinates within the 128 modes that are nearest to growth without what joins them (Rayleigh and Ritz).
     """
     creeping = rate > 0.0
     if treats_alike(method):
         kept = system.eigenvalues[~system.growing & (system.eigenvalues != 0.0)]
+        if kept.size >= MANY:  # of a pair, one has the factors of both
+            kept = np.unique(kept.real + 1j * np.abs(kept.imag))
         return _largest_step(partial(_growth_along, method, kept, rate), 1.02, creeping=creeping)
     if system.squares is not None and np.all(np.abs(system.squares.imag) < AT_REST):
         fastest = float(np.max(system.squares.real, initial=0.0)) ** 0.5
         return _oscillator_limit(method, rate / fastest) / fastest if fastest > SLOWEST else np.inf
     if system.modes is not None:
         return _largest_step(partial(_growth_of_modes, method, system.modes, rate), 1.02, creeping=creeping)
+    if system.uncoupled is not None and len(system.acceleration) >= FEW_MODES:
+        return _joined_limit(method, system, system.uncoupled, rate)
     ratio = 1.02 if len(system.eigenvalues) <= 16 else 1.1
     return _largest_step(partial(_growth, method, system, rate), ratio, creeping=creeping)
 
@@ -232,6 +241,38 @@ def treats_alike(method: Method) -> bool:
     first, second = (amplification(method, LinearSystem.of(jacobian, n), h) for n in (1, 0))
     scale = np.diag([1.0, LinearSystem.of(jacobian, 1).fastest, 1.0])
     return bool(np.allclose(np.linalg.inv(scale) @ second @ scale, first, rtol=0.0, atol=1e-12))
+
+
+def _joined_limit(method: Method, system: LinearSystem, uncoupled: LinearSystem, rate: float) -> float:
+    """Find the limit of modes that damping joins, beginning at that of the modes without what joins them."""
+    creeping = rate > 0.0
+    guess = _largest_step(partial(_growth_of_modes, method, uncoupled, rate), 1.02, creeping=creeping)
+    near = np.array([guess if 0.0 < guess < np.inf else 1.0])
+    order = np.argsort(-_growth_by_mode(method, uncoupled, rate, near)[0], kind="stable")
+    growth = partial(_growth, method, system.within(np.sort(order[:MOST_MODES])), rate)
+    excess = cache(lambda step: float(growth(np.array([step]))[0]) - 1.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = (guess * AROUND).tolist() if 0.0 < guess < np.inf else []
+        high = next((h for h in steps if excess(h) > 0.0), np.inf)
+        low = max((h for h in steps if h < high), default=0.0)
+        if low == 0.0 or high == np.inf:
+            return _largest_step(growth, 1.1, creeping=creeping)
+        low, high = _crossing(excess, low, high, CREEPING if creeping else JOINED)
+        return low if creeping or excess(1.01 * high) > 1.0 else 0.0
+
+
+def _crossing(excess: Callable[[float], float], low: float, high: float, width: float) -> tuple[float, float]:
+    """Narrow a bracket in a fifth of the steps that halvings take: eigenvalues are computed for each."""
+    from scipy.optimize import brentq
+
+    tried = {low: excess(low), high: excess(high)}
+
+    def bounded(step: float) -> float:
+        tried[step] = excess(step)
+        return min(max(tried[step], -1.0 / ROUND_OFF), 1.0 / ROUND_OFF)
+
+    brentq(bounded, low, high, xtol=width * high, rtol=width, maxiter=100)
+    return max(h for h, more in tried.items() if more <= 0.0), min(h for h, more in tried.items() if more > 0.0)
 
 
 def _oscillator_limit(method: Method, rate: float) -> float:
@@ -301,9 +342,13 @@ def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Flo
 
 def _growth_of_modes(method: Method, modes: LinearSystem, rate: float, h: Floats) -> Floats:
     """Return the same of systems of one coordinate each, along the first axis of `modes`."""
+    return np.asarray(_growth_by_mode(method, modes, rate, h).max(axis=1))
+
+
+def _growth_by_mode(method: Method, modes: LinearSystem, rate: float, h: Floats) -> Floats:
+    """Return it for every mode, shape (steps, modes)."""
     n = len(modes.acceleration)
-    growth = _growth(method, modes.repeated(len(h)), rate, np.repeat(h, n))
-    return np.asarray(growth.reshape(len(h), n).max(axis=1))
+    return np.asarray(_growth(method, modes.repeated(len(h)), rate, np.repeat(h, n)).reshape(len(h), n))
 
 
 def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:
