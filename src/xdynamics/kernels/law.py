@@ -59,7 +59,7 @@ class Law:
     sampled : bool
         Whether a step keeps every force evaluation.
     energies : bool
-        Whether machine code writes energies to rows, which are a sum over all links; they stay in `source`.
+        Whether rows are given energies, which are a sum over all links; `source` has them all the same.
     """
 
     layout: Layout
@@ -128,6 +128,14 @@ class Law:
         by_elements = any(equation.state < 0 for equation in self.steps.equations)
         inner = (model_programs.linearised(self.layout),) if by_elements else ()
         return (self.entries[0], *self.constraining[:-1], *inner, *self.entries[1:])
+
+    @property
+    def _run_programs(self) -> tuple[Program, ...]:
+        """The programs as they are run: rows without energies where none are asked for."""
+        if self.energies:
+            return self.programs
+        row = model_programs.row(self.layout, self.steps.memory, energies=False)
+        return tuple(row if entry.name == row.name else entry for entry in self.programs)
 
     @cached_property
     def constraining(self) -> tuple[Program, ...]:
@@ -223,17 +231,15 @@ class Law:
                 "_zero": np.float64(0.0),
             }
         )
-        exec(compile(self.source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
+        source = self.source if self.energies else "\n\n".join(map(python_of, self._run_programs))
+        exec(compile(source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
         control = (SETS[self.scheme.math_functions][name] for name in CONTROL)
         return np.array(keys_of([*control, *(scope[entry.name] for entry in self.entries)]), np.int64)
 
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, without some of the programs."""
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
-        programs = [entry for entry in self.programs if entry not in without]
-        if not self.energies:
-            row = model_programs.row(self.layout, self.steps.memory, energies=False)
-            programs = [row if entry.name == row.name else entry for entry in programs]
+        programs = [entry for entry in self._run_programs if entry not in without]
         abreast = 1
         if model_programs.has_loops(self.layout.model):
             abreast, layout = machine.vector_lanes() // 2, self.layout
