@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 from typing import Any
 
-from xdynamics.expressions import Along, Call, Compare, Element, Name, Node, Number, text_of
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Node, Number, text_of
 from xdynamics.faults import InputError
 from xdynamics.model.symbolic import TERM, Trees
 from xdynamics.schema import velocity
@@ -40,11 +41,13 @@ def sections_of_energies(energies: Any, sections: Mapping[str, Any]) -> dict[str
         if "mass" not in sections:
             raise InputError("the potential energy alone needs mass=…; or give kinetic and potential energy")
         force = {TERM: {"potential": text_of(trees.tree(energies))}}
-        return {"name": "from sympy"} | dict(sections) | {"forces": force | dict(sections.get("forces", {}))}
+        own: dict[str, Any] = {"forces": force | dict(sections.get("forces", {}))}
+        return {"name": "from sympy"} | dict(sections) | trees.relations() | own
     if len(energies) != 2:
         raise InputError(f"{len(energies)} energies are given, needs two: the kinetic and the potential energy")
     kinetic, potential = (text_of(trees.tree(energy)) for energy in energies)
-    return {"name": "from sympy"} | dict(sections) | {"lagrangian": {"kinetic": kinetic, "potential": potential}}
+    own = {"lagrangian": {"kinetic": kinetic, "potential": potential}}
+    return {"name": "from sympy"} | dict(sections) | trees.relations() | own
 
 
 class IndexedTrees(Trees):
@@ -70,30 +73,43 @@ class IndexedTrees(Trees):
                 if section == "coordinates":
                     self._dims[velocity(name)] = self._dims[name]
         self._bound: dict[Any, tuple[str, int, int]] = {}  # of each index of a sum its dimension and its range
+        self._ends: dict[Any, tuple[str, str]] = {}  # of each index of a sum over pairs its end and the relation
+        self._declared = dict(sections.get("relations", {}))
+
+    def relations(self) -> dict[str, Any]:
+        """Return the section of relations, with those of sums over pairs."""
+        return {"relations": self._declared} if self._declared else {}
 
     def tree(self, one: Any) -> Node:
         """Convert an expression of sympy; an `InputError` where the language of expressions has no such node."""
         import sympy
+        from sympy.matrices.expressions.matexpr import MatrixElement
 
         if isinstance(one, sympy.Sum):
             return self._sum_along(one)
-        if isinstance(one, sympy.Indexed):
+        if isinstance(one, sympy.Indexed | MatrixElement):
             return self._element(one)
+        if isinstance(one, sympy.MatrixExpr) and one.shape == (1, 1):
+            return self.tree(one.as_explicit()[0, 0])
+        if one in self._ends:
+            return self._at_end(Along("index", (), (self._bound[one][0],)), one)
         if one in self._bound:
             return Along("index", (), (self._bound[one][0],))
         return super().tree(one)
 
     def _sum_along(self, one: Any) -> Node:
-        """Convert a sum, the innermost index first."""
-        for index, low, high in one.limits:
+        """Convert a sum, the innermost index first; over two indices of one dimension as one over pairs."""
+        limits, function = [*one.limits], one.function
+        for low, high in combinations(limits, 2):
+            if (dim := self._dimension(function, low[0])) == self._dimension(function, high[0]):
+                others = [limit for limit in limits if limit not in (low, high)]
+                return self._over_pairs(type(one)(function, *others) if others else function, low, high, dim)
+        for index, low, high in limits:
             if not (low.is_Integer and high.is_Integer):
                 raise InputError(f"the sum over {index} goes from {low} to {high}, needs whole numbers")
-            self._bound[index] = self._dimension(one.function, index), int(low), int(high)
-        dims = [self._bound[index][0] for index, _, _ in one.limits]
-        if len(set(dims)) < len(dims):
-            raise InputError(f"{one} sums twice along '{dims[0]}'; say who acts on whom by a relation")
-        tree = self.tree(one.function)
-        for index, _, _ in one.limits:
+            self._bound[index] = self._dimension(function, index), int(low), int(high)
+        tree = self.tree(function)
+        for index, _, _ in limits:
             dim, low, high = self._bound.pop(index)
             last, place = self._sizes[dim] - 1, Along("index", (), (dim,))
             if not 0 <= low <= high <= last:
@@ -104,15 +120,58 @@ class IndexedTrees(Trees):
             tree = Along("sum", (tree,), (dim,))
         return tree
 
+    def _over_pairs(self, function: Any, one: Any, other: Any, dim: str) -> Node:
+        """Convert a sum over two indices of a dimension: over every two once, or over all of both.
+
+        The second is two of the first where exchanging the indices changes nothing, and the sum with both alike.
+        """
+        from sympy import Sum
+
+        last = self._sizes[dim] - 1
+        i, j, alike = one[0], other[0], 0
+        if tuple(one[1:]) == tuple(other[1:]) == (0, last):
+            exchanged = function.xreplace({i: j, j: i})
+            function, alike = 2 * function if exchanged == function else function + exchanged, _alike(function, i, j)
+        elif _is_before(other, one, last):
+            i, j = j, i
+        elif not _is_before(one, other, last):
+            ranges = [f"{index} from {low} to {high}" for index, low, high in (one, other)]
+            raise InputError(
+                f"the sums over {' and '.join(ranges)} are both along '{dim}'; let one go from 0 to {last - 1} and the other"
+                f" from its next to {last}, or both from 0 to {last}"
+            )
+        relation = next((name for name, entry in self._declared.items() if entry == {"of": dim}), f"{dim}_pair")
+        self._declared.setdefault(relation, {"of": dim})
+        self._bound |= {i: (dim, 0, last), j: (dim, 0, last)}
+        self._ends |= {i: ("first", relation), j: ("second", relation)}
+        tree: Node = Along("sum", (self.tree(function),), (relation,))
+        for index in (i, j):
+            del self._bound[index], self._ends[index]
+        return Binary("+", tree, self.tree(Sum(alike, (i, 0, last)))) if alike else tree
+
+    def _at(self, tree: Node, number: int, dim: str, one: Any) -> Node:
+        """Return the values at one element of a dimension."""
+        size = self._sizes[dim]
+        if not -size <= number < size:
+            raise InputError(f"{one} has the index {number}, and '{dim}' goes from 0 to {size - 1}")
+        here = Compare("==", Along("index", (), (dim,)), Number(float(number % size)))
+        return Along("sum", (Call("where", (here, tree, Number(0.0))),), (dim,))
+
+    def _at_end(self, tree: Node, index: Any) -> Node:
+        """Return a value at the end of a pair that an index is, or at its place."""
+        end, relation = self._ends.get(index, ("", ""))
+        return Along(end, (tree,), (relation,)) if end else tree
+
     def _dimension(self, summed: Any, index: Any) -> str:
         """Return the dimension along which an index counts."""
         import sympy
+        from sympy.matrices.expressions.matexpr import MatrixElement
 
         found = {
             dims[place]
-            for one in summed.atoms(sympy.Indexed)
-            if len(dims := self._own(one)) == len(one.indices)
-            for place, entry in enumerate(one.indices)
+            for one in summed.atoms(sympy.Indexed, MatrixElement)
+            if len(dims := self._own(one)) == len(_indices(one, dims))
+            for place, entry in enumerate(_indices(one, dims))
             if index in entry.free_symbols
         }
         if len(found) != 1:
@@ -122,34 +181,89 @@ class IndexedTrees(Trees):
 
     def _own(self, one: Any) -> tuple[str, ...]:
         """Return the dimensions of an indexed symbol."""
-        name = str(one.base.label)
+        name = _name(one)
         if not (dims := self._dims.get(name, ())):
             raise InputError(
                 f"'{name}' is indexed, and has no dimensions; give it dims in coordinates or parameters:"
                 f' "{name}": {{"dims": ["site"], …}}'
             )
+        shape = tuple(self._sizes[dim] for dim in dims)
+        if not hasattr(one, "base") and tuple(one.parent.shape) not in (shape, (*shape, 1)):
+            raise InputError(
+                f"'{name}' is a matrix of {one.parent.shape}, and its dimensions {', '.join(dims)} have {shape}"
+            )
         return dims
 
     def _element(self, one: Any) -> Node:
         """Convert an indexed symbol: to one element, or to the value at the place of a sum, perhaps some places on."""
-        name, dims = str(one.base.label), self._own(one)
-        if len(one.indices) != len(dims):
-            raise InputError(f"{one} has {len(one.indices)} indices, and '{name}' the dimensions {', '.join(dims)}")
-        if all(index.is_Integer for index in one.indices):
-            return Element(name, tuple(map(int, one.indices)))
+        from sympy import Mod
+
+        name, dims = _name(one), self._own(one)
+        indices = _indices(one, dims)
+        if len(indices) != len(dims):
+            raise InputError(f"{one} has {len(indices)} indices, and '{name}' the dimensions {', '.join(dims)}")
+        if all(index.is_Integer for index in indices):
+            return Element(name, tuple(map(int, indices)))
         tree: Node = Name(name)
-        for index, dim in zip(one.indices, dims, strict=True):
-            counted = [bound for bound in self._bound if bound in index.free_symbols]
-            on = index - counted[0] if len(counted) == 1 else index
-            if not on.is_Integer or self._bound[counted[0]][0] != dim:
+        for index, dim in zip(indices, dims, strict=True):
+            if index.is_Integer:
+                tree = self._at(tree, int(index), dim, one)
+                continue
+            ring = isinstance(index, Mod) and index.args[1] == self._sizes[dim]
+            of = index.args[0] if ring else index
+            counted = [bound for bound in self._bound if bound in of.free_symbols]
+            on = of - counted[0] if len(counted) == 1 else of
+            if not counted or not on.is_Integer or self._bound[counted[0]][0] != dim:
                 raise InputError(
                     f"{one} has the index {index}, needs that of a sum along '{dim}', or one some places on"
                 )
             _, low, high = self._bound[counted[0]]
-            if not (low + on >= 0 and high + on < self._sizes[dim]):
+            if not ring and not (low + on >= 0 and high + on < self._sizes[dim]):
                 raise InputError(
                     f"{one} goes from {low + on} to {high + on}, and '{dim}' from 0 to {self._sizes[dim] - 1}"
                 )
             if on:
                 tree = Along("roll", (tree,), (dim,), -int(on))
+            tree = self._at_end(tree, counted[0])
         return tree
+
+
+def _name(one: Any) -> str:
+    """Return the name of an indexed symbol, or of a matrix of which this is an element."""
+    return str(one.base.label) if hasattr(one, "base") else str(one.parent.name)
+
+
+def _indices(one: Any, dims: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return the indices of an element; of a matrix with one column, or row, that along it."""
+    indices = tuple(one.indices) if hasattr(one, "base") else (one.i, one.j)
+    return (
+        indices[:1]
+        if len(dims) == 1 and len(indices) == 2 and not hasattr(one, "base") and indices[1] == 0
+        else indices
+    )
+
+
+def _is_before(one: Any, other: Any, last: int) -> bool:
+    """Whether two sums go over every two elements once, the index of the first before that of the second."""
+    (i, *of_i), (j, *of_j) = one, other
+    return (of_j == [i + 1, last] and of_i in ([0, last - 1], [0, last])) or (
+        of_i == [0, j - 1] and of_j in ([1, last], [0, last])
+    )
+
+
+def _alike(function: Any, i: Any, j: Any) -> Any:
+    """Return a summand with both indices alike.
+
+    Raises
+    ------
+    InputError
+        If it is not finite.
+    """
+    import sympy
+
+    alike = function.xreplace({j: i}).replace(
+        lambda part: isinstance(part, sympy.Sum) and part.function == 0, lambda _: sympy.Integer(0)
+    )
+    if alike.has(sympy.zoo, sympy.nan, sympy.oo):
+        raise InputError(f"the sum over {i} and {j} is not finite where they are alike; begin {j} at {i} + 1")
+    return alike

@@ -156,7 +156,9 @@ class Model(ModelTrees):
             Of `sympy.physics.mechanics`, its equations formed; generalised speeds are derivatives of coordinates. Or the
             potential energy, beside ``mass=…``; or the kinetic and the potential energy. In these, what is indexed has
             dimensions: ``Sum(k*(u[i + 1] - u[i])**2/2, (i, 0, 8))`` with ``dimensions={"site": 10}`` and
-            ``coordinates={"u": {"unit": "m", "dims": ["site"]}}``; the velocity of `u` is `v_u`.
+            ``coordinates={"u": {"unit": "m", "dims": ["site"]}}``; the velocity of `u` is `v_u`. A sum over
+            two indices, ``(j, i + 1, 9), (i, 0, 8)`` or both from 0 to 9, is one over pairs, ``u[Mod(i + 1, 10)]`` a ring,
+            and a MatrixSymbol has the dimensions of its rows and columns, a column those of its rows.
         **sections
             As of a model: `name`, `coordinates` with the unit of each, `parameters` for every other symbol, `initial`,
             further `forces`, `events` …
