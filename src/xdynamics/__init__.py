@@ -205,7 +205,11 @@ _entered = entrance(
     __name__,
     {name: room for room, names in _ROOMS.items() for name in names},
     beside="interchange.accessor",
-    through={"record.unmarched.marching": _OF_RECORDS, "record.pint_records.taking": _OF_RECORDS},
+    through={
+        "keywords.checked_keywords": tuple(name for name in __all__ if name[0].islower()),
+        "record.unmarched.marching": _OF_RECORDS,
+        "record.pint_records.taking": _OF_RECORDS,
+    },
 )
 
 

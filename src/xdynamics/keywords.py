@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import wraps
+from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError, written
@@ -114,6 +117,57 @@ KEYWORDS = {
 }  # fmt: skip
 FULL, STATES = "full", "states"  # logs
 IN_FILES = tuple(name for name, keyword in KEYWORDS.items() if keyword.example)
+
+
+# words that other libraries have for ours, and where what is asked for is said here
+_OTHER_WORDS = {
+    **dict.fromkeys(("dt", "h", "timestep", "time_step", "step_size"), ("step",)),
+    **dict.fromkeys(("t_end", "tend", "t_final", "tmax", "t_max", "t_span", "duration", "end"), ("until",)),
+    **dict.fromkeys(("solver", "integrator", "scheme"), ("method",)),
+    **dict.fromkeys(("tolerance", "tol"), ("rtol",)),
+    **dict.fromkeys(("state", "initial"), ("at",)),
+    **dict.fromkeys(("variables", "variable", "names", "quantities"), ("observables", "only")),
+}
+_ELSEWHERE = {
+    **dict.fromkeys(
+        ("initial", "initial_conditions", "y0", "x0", "state"),
+        "a start stands in the model: model.replace(initial={'x': '1 m'})",
+    ),
+    **dict.fromkeys(("parameters", "params"), "numbers stand in the model: model.replace(parameters={'m': '2 kg'})"),
+    **dict.fromkeys(
+        ("variables", "variable", "names", "quantities"), "take them from what comes back, as in result[['x', 'v_x']]"
+    ),
+}
+
+
+def checked_keywords(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a verb refuse keywords that it does not have in words, with what was meant."""
+
+    @wraps(verb)
+    def called(*arguments: Any, **keywords: Any) -> Any:
+        try:
+            return verb(*arguments, **keywords)
+        except TypeError:
+            taken = signature(verb).parameters
+            if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in taken.values()):
+                raise
+            unknown = next((name for name in keywords if name not in taken), None)
+            if unknown is None:
+                raise
+        known = [name for name, parameter in taken.items() if parameter.kind is not Parameter.POSITIONAL_ONLY]
+        raise InputError(f"{verb.__name__} has no '{unknown}'; {meant(unknown, known)}")
+
+    return called
+
+
+def meant(word: str, known: Sequence[str]) -> str:
+    """Say which of the known names a word stands for, or where what it names is said."""
+    if ours := [name for name in _OTHER_WORDS.get(word, ()) if name in known]:
+        return f"did you mean '{ours[0]}'?"
+    if word in _ELSEWHERE:
+        return _ELSEWHERE[word]
+    alike = get_close_matches(word, known, n=1)
+    return f"did you mean '{alike[0]}'?" if alike else f"there are {', '.join(known)}"
 
 
 def number(value: Any, name: str) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.fit_problem import OFFSET, SHARED, Asked, FittedNumber
 from xdynamics.evidence.comparing.measured import EVENT_TIMES, OCCURRENCES, measured
 from xdynamics.evidence.observables import comparable
-from xdynamics.faults import InputError, Ledger, written
+from xdynamics.faults import InputError, Ledger, brief, written
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, check_model
 from xdynamics.record.element_attributes import elements_of, of_wholes
@@ -109,6 +109,8 @@ def names_of(model: Model, named: Any, what: str, *, some: bool = False) -> tupl
     InputError
         If one is not there, or twice.
     """
+    if not isinstance(named, Iterable) or isinstance(named, Mapping):
+        raise InputError(f"{what} are {brief(named)}, need names, like ['{next(iter(model.parameters), 'k')}']")
     entries = (named,) if isinstance(named, str) else tuple(named)
     names = tuple(element for name in entries for element in elements(model, name))
     available = [*model.parameters, *(name for name in model.initial if name != "t")]

@@ -13,7 +13,7 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
+from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, meant, number
 from xdynamics.march.root_methods import EARLIEST_FIRST
 from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import Tolerances, least_rtol
@@ -34,7 +34,6 @@ from xdynamics.model.switches import (
     landed_on_by_default,
     watched_switches,
 )
-from xdynamics.model.table_keys import near
 from xdynamics.shapes.naming import written
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
@@ -60,7 +59,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     """
     check_model(model)
     if unknown := [name for name in asked if name not in KEYWORDS]:
-        raise InputError(f"there is no setting '{unknown[0]}'{near(unknown[0], tuple(KEYWORDS))}")
+        raise InputError(f"there is no setting '{unknown[0]}'; {meant(unknown[0], tuple(KEYWORDS))}")
     chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
     for key in ("method", "until"):
         if chosen.get(key) is None:

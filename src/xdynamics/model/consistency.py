@@ -16,7 +16,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
-from xdynamics.faults import InputError, Ledger, ModelError, few
+from xdynamics.faults import DOT, InputError, Ledger, ModelError, few, written
 from xdynamics.model.body_consistency import check_bodies, check_constants
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.constraint_consistency import check_constraints
@@ -225,8 +225,9 @@ def _check_action(
         statement.states
     )
     for target, node in event.reset.items():
-        if target in variables:
-            check_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[target])
+        quantity, dot, _ = written(target).partition(DOT)
+        if quantity in variables and (statement.extents or not dot):
+            check_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[quantity])
         else:
             ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")
 

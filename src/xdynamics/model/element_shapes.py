@@ -70,8 +70,23 @@ def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     own = shapes.dims
     for what, tree, allowed in _needed(statement, own):
         _check(what, tree, allowed, shapes, ledger)
+    for name, event in statement.events.items():
+        with ledger.entry(f"event '{name}'"):
+            _check_targets(event.reset, shapes)
     for term, force in statement.forces.items():
         _check_force(term, force, statement, shapes, ledger)
+
+
+def _check_targets(reset: Iterable[str], shapes: Shapes) -> None:
+    """Refuse elements that are not there, and what is set twice, alone or as a part of the whole."""
+    earlier: dict[str, dict[tuple[int, ...], str]] = {}
+    for target in reset:
+        quantity, place = shapes.placed(target)
+        others, key = earlier.setdefault(quantity, {}), tuple(place.values())
+        if () in others or key in others or (others and not key):
+            other = others.get(key) or next(iter(others.values()))
+            raise InputError(f"sets '{target}', and '{other}' too; give each element one value")
+        others[key] = target
 
 
 def _needed(

@@ -232,9 +232,9 @@ class Elements:
             if not isinstance(function, Function):
                 function = at(function, place, self.shapes)
             reset = {
-                self.shapes.element(target, inner): at(tree, inner, self.shapes)
-                for target, tree in event.reset.items()
-                for inner in self._beside(target, place)
+                self.shapes.element(quantity, {**inner, **fixed}): at(tree, inner, self.shapes)
+                for (quantity, fixed), tree in ((self.shapes.placed(key), tree) for key, tree in event.reset.items())
+                for inner in ([place] if fixed else self._beside(quantity, place))
             }
             yield element, replace(event, function=function, reset=reset)
 

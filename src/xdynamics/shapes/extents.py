@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, few
+from xdynamics.faults import InputError, few, written
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
 
@@ -175,6 +175,23 @@ class Shapes:
         """Return the name of the element of a quantity at a place that has its dimensions among others."""
         own = self.dims.get(name, ()) if dims is None else dims
         return element(name, (self.extent(dim).label(place[dim]) for dim in own))
+
+    def placed(self, name: str) -> tuple[str, dict[str, int]]:
+        """Return the quantity and the place of an element as people write it; of a whole quantity no place.
+
+        Raises
+        ------
+        InputError
+            If there is no such element.
+        """
+        quantity, labels = parted(written(name))
+        dims = self.dims.get(quantity, ()) if labels else ()
+        if len(labels) != len(dims):
+            raise InputError(
+                f"'{name}' needs an entry for each dimension of '{quantity}': {', '.join(self.dims.get(quantity, ())) or 'it has none'}"
+            )
+        entries = [int(label) if label.isdecimal() else label for label in labels]
+        return quantity, {dim: self.extent(dim).number(entry) for dim, entry in zip(dims, entries, strict=True)}
 
     def first(self, name: str) -> str:
         """Return the name of the first element of a quantity."""
