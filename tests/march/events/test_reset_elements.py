@@ -41,12 +41,12 @@ def test_one_element_is_set_and_the_others_go_on() -> None:
 
 
 def test_each_element_may_set_another_one() -> None:
-    """Assert that four that pass at one time each add 0.1 m/s to the last one's -0.5 m/s."""
-    model = oscillators("u", **{"v_u[3]": "v_u[3] + 0.1*metre/second"})
+    """Assert that four that pass at one time add 0.1, 0.2, 0.3 and 0.4 m/s to the last one's -0.5 m/s."""
+    model = oscillators("u", **{"v_u[3]": "v_u[3] + 0.1*(index(site) + 1)*metre/second"})
     run = xd.simulate(model, method="dop853", rtol=1e-12, until="2 s")
     assert run.event_site.values.tolist() == [0, 1, 2, 3]
     late = 2.0 - math.pi / 2
-    assert run.v_u.values[-1] == pytest.approx(-math.cos(late) * np.array([1.0, 1.0, 2.0, 0.1]), abs=1e-9)
+    assert run.v_u.values[-1] == pytest.approx(-math.cos(late) * np.array([1.0, 1.0, 2.0, -0.5]), abs=1e-9)
 
 
 @pytest.mark.parametrize(
