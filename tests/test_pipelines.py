@@ -30,6 +30,13 @@ PIPELINES = sorted(
 )
 # of the studies what makes them small
 SMALL: dict[str, dict[str, Any]] = {
+    "chain_recurrence": {
+        "step": "0.5 s",
+        "rows": 201,
+        "until": "2000 s",
+        "recurrence": "1000 s",
+        "refine": {"steps": ["0.4 s", "0.2 s"]},
+    },
     "convergence_study": {"methods": ["velocity_verlet", "rk4"]},
     "oscillator_methods": {"until": "8 s"},
     "ball_with_drag": {
@@ -144,6 +151,21 @@ def test_what_the_pages_say_is_so() -> None:
     limit = xd.limiting(ball, "vt", ["100 m s-1", "1000 m s-1"], "1e7 m s-1", at=["1 s"], method="dop853", rtol=1e-12)
     away = np.abs(limit.distance_y.values[:, 0])
     assert away[0] / away[1] == pytest.approx(100.0, rel=0.05)
+
+
+def test_a_chain_comes_back_as_its_page_says() -> None:
+    """Assert when its longest mode has least and most of the energy, and that what leaves it goes as alpha squared."""
+    chain = xd.Model.from_toml(MODELS / "fermi_pasta_ulam.toml")
+    run = xd.simulate(chain, step="0.1 s", log=["mode_energy"], force_samples="none")
+    share, late = (run.mode_energy[:, 0] / run.mode_energy[0, 0]).values, run.time.values > 9000.0
+    assert run.time.values[share.argmin()] == pytest.approx(6898.0)
+    assert share.min() == pytest.approx(0.0848, abs=1e-4)
+    assert run.time.values[late][share[late].argmax()] == pytest.approx(10194.0)
+    assert share[late].max() == pytest.approx(0.9804, abs=1e-4)
+    asked = {"at": ["1000 s"], "observables": ["mode_energy[0]"], "until": "1000 s", "step": "0.5 s"}
+    lost = xd.limiting(chain, "alpha", ["0.02 N m-2", "0.01 N m-2"], "0 N m-2", **asked)
+    away = np.abs(lost.distance_mode_energy.values[:, 0, 0])
+    assert away[0] / away[1] == pytest.approx(4.0, rel=0.05)
 
 
 def test_reports_of_what_cannot_be_reported(tmp_path: Path) -> None:
