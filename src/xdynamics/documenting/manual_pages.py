@@ -60,11 +60,11 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   A force or a grip that fails for a part of a step is found there; between many bodies by looking
   at the middle of each step, and where a parabola says so.
   A heap of many bodies that rub comes to rest by ever more slips, lifts and impacts, each lower
-  than the last. Where such events follow one another in a burst, links whose gaps and slips move
-  no faster than a bounce of rest_height begins are stopped together, once forces within all cones
-  of friction would hold them; where these let go again at once, each goes on by itself. The
-  impulses that stop them are not held to these cones, and are as small as those of such bounces.
-  Rows of rest and stick say what theirs took, in event_energy_lost, the summary what all did.
+  than the last. A slip that an impact began stops with it, between many bodies, where its friction
+  would end it before it has gone as far, or lasted as long, as a bounce of rest_height. Its
+  impulse, with what forces give in that time, lies within the cones of friction, else the slip
+  goes on, as do slips that speed up or whose brake is weaker. Rows of rest and stick say what
+  theirs took, in event_energy_lost, the summary what all did.
 Limits  Contacts have 24 forces at most, if they are not of a dimension or a relation; law =
   energetic is for one link at a time. They read no drives, and do not go with Python forces nor,
   but by differences, with implicit methods. Where a measured drive jumps, the row at the node holds

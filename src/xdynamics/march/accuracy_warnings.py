@@ -228,7 +228,7 @@ def _of_stopped_slips(march: March) -> Iterator[str]:
         f"{needed:.3g} times what its friction allows" if needed < math.inf else "by a pull, which no friction allows"
     )
     yield (
-        f"{count} of the slow slips that wedged were stopped by impulses outside their cone of friction, most of all that of"
+        f"{count} of the slow slips were stopped by impulses outside their cone of friction, most of all that of"
         f" contact '{assembly.name}' of {assembly.label(int(run.tallies[OUTSIDE_LINK]))} at t ="
         f" {time:.6g}{unit_suffix(model.time_unit)}, {most}: what follows is not Coulomb's law to the last; a smaller"
         " rest_height stops fewer"

@@ -1,15 +1,8 @@
 """Which of the links that touch are closed from now on: the accelerations decide, and bounces too low are skipped.
 
 Of links that touch and do not part, forces and accelerations solve a complementarity problem: either a link presses, or
-its gap opens. A link that bounces so low that it may be skipped, or too briefly to be resolved, joins them.
-
-Links that slide may leave no forces at all: they wedge, and the more they press the more is needed (Painlevé's paradox;
-Génot and Brogliato, Eur. J. Mech. A 18, 1999, 653). An impulse then stops slips at once. Those that are as slow as bounces
-that may be skipped are stopped so, and grip; where faster ones wedge, the run ends in words.
-
-A heap that nearly rests would come to rest by ever more slips, lifts and impacts, each lower than a bounce that may be
-skipped. Where these follow one another in a burst, and forces within all bounds hold every link that is so slow, they are
-skipped together. One slow slip alone goes on.
+its gap opens. A link that bounces so low that it may be skipped, or too briefly to be resolved, joins them. Slow slips:
+`slip_stops`.
 """
 
 from __future__ import annotations
@@ -19,25 +12,16 @@ from math import inf, sqrt
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import (
     LOSS,
-    NEEDED,
-    NEEDED_AT,
-    OUTSIDE,
-    OUTSIDE_LINK,
-    OUTSIDE_OF,
     ROWS,
     STRAIN,
-    STRAINED,
     TERMS,
     TOGETHER,
     WORK,
-    blame,
 )
 from xdynamics.march.assembly.closed_links import (
     DRAG,
     FRICTIONLESS,
     GRIP,
-    RETURNED,
-    RIGHT,
     SCALE,
     SLIDES_BACK,
     SLIDES_ON,
@@ -47,27 +31,26 @@ from xdynamics.march.assembly.closed_links import (
     list_ends,
     look_at_closed,
 )
-from xdynamics.march.assembly.friction import RESTLESS, solve_links
+from xdynamics.march.assembly.friction import RESTLESS
 from xdynamics.march.assembly.holding import project, stop
-from xdynamics.march.assembly.impact import pose_slip
+from xdynamics.march.assembly.link_forces import solve_forces
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.low_motions import falling, is_low, is_short, is_slow, resolution, slip_falling
+from xdynamics.march.assembly.low_motions import falling, is_low, resolution, slip_falling
 from xdynamics.march.assembly.narrow_phase import NOISE
-from xdynamics.march.assembly.normal_forces import ALLOWED, largest
-from xdynamics.march.assembly.responses import clear, respond
+from xdynamics.march.assembly.normal_forces import largest
+from xdynamics.march.assembly.slip_stops import check_cone, end_slips, halt_slips, hold_cones, skipped_time
 from xdynamics.march.assembly.touching import (
     ACTS,
     AFTER,
-    BIAS,
     BOUNCE,
     BROKEN,
     CANDIDATE,
     DRAGS,
     EARLY,
+    ENDED,
     FORCE,
     GRIPS,
     HALTED,
-    KINETIC,
     LASTS,
     LIFTS,
     OWN,
@@ -77,16 +60,11 @@ from xdynamics.march.assembly.touching import (
     SKIPS,
     SLACK,
     SLIP_AFTER,
-    SLIP_BIAS,
     SLIP_EARLY,
     SLIP_OWN,
     SLIP_SLACK,
-    STANDING,
-    STANDS,
-    STATIC,
     TAKEN,
     WEDGED,
-    acceleration_along,
     rate_of,
     slip_of,
 )
@@ -108,13 +86,14 @@ def rest(run: Run, t: float) -> bool:
         still = abs(rate_of(run, a)) <= run.touching[a, SLACK] + falling(run, a) * resolution(run, a)
         run.touching[a, ACTS] = 1.0 if still and run.touching[a, LIFTS] == 0.0 else 0.0
         run.touching[a, SKIPS], run.touching[a, LASTS], run.touching[a, TAKEN] = 0.0, 0.0, 0.0
-    if not stand_still(run):
-        for _ in range(ROUNDS):
-            if not find_forces(run):
-                return False
-            restored, skips = restore_contacts(run), skip_bounces(run)
-            if not (restored or skips):
-                break
+    for _ in range(ROUNDS):
+        if not find_forces(run):
+            return False
+        restored, skips, ends = restore_contacts(run), skip_bounces(run), end_slips(run)
+        if not (restored or skips or ends):
+            break
+    if not hold_cones(run):
+        return False
     close(run)
     take_energy(run, t)
     project(run, t)
@@ -128,74 +107,6 @@ def note_speeds(run: Run) -> None:
     for a in range(run.tallies[TOGETHER]):
         c = run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]
         run.greatest[1 + c] = max(run.greatest[1 + c], -run.touching[a, RATE])
-
-
-@shared
-def solve_forces(run: Run) -> bool:
-    """Find the forces of links that do not part, and the acceleration of every gap with them."""
-    count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
-    for a in range(count):
-        acts, row = run.touching[a, ACTS] == 1.0 or run.touching[a, STANDS] == 1.0, rows * a
-        run.vectors[SCALE, row] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
-        run.vectors[RIGHT, row] = -acceleration_along(run, row, run.touching[a, BIAS]) * run.vectors[SCALE, row]
-        run.vectors[RETURNED, row] = 0.0
-        if rows == 2:
-            pose_grip(run, a, acts)
-    left = solve_links(run, 0, count)
-    if not left <= ALLOWED:
-        k = int(run.touching[0, CANDIDATE])
-        blame(run, STRAINED, run.candidates[k, ASSEMBLY], run.candidates[k, LINK])
-        run.spans[STRAIN] = left
-        return False
-    for a in range(count):
-        run.touching[a, FORCE] = run.vectors[X, rows * a] * run.vectors[SCALE, rows * a]
-        if rows == 2:
-            run.touching[a, DRAGS] = run.vectors[X, rows * a + 1] * run.vectors[SCALE, rows * a + 1]
-    note_accelerations(run)
-    return True
-
-
-@shared
-def stand_still(run: Run) -> bool:
-    """Have links grip whose motion is as low as a bounce that may be skipped, if they then stand; whether they do.
-
-    Those that would open are kept closed for the moment, so that none is struck where slips of others stop.
-    """
-    count, any_moves = run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0, False
-    for a in range(count):
-        run.touching[a, STANDS] = 1.0 if is_slow(run, a) else 0.0
-        any_moves = any_moves or (run.touching[a, STANDS] == 1.0 and may_move(run, a))
-    stands = any_moves and solve_forces(run) and is_held(run)
-    run.spans[STRAIN] = 0.0 if any_moves and not stands else run.spans[STRAIN]
-    for a in range(count):
-        if run.touching[a, STANDS] == 1.0 and stands:
-            run.touching[a, HALTED] = 0.0 if run.touching[a, LIFTS] == 1.0 else STANDING
-            run.touching[a, ACTS], run.touching[a, LIFTS], run.touching[a, BROKEN] = 1.0, 0.0, 0.0
-        run.touching[a, STANDS] = 0.0
-    return stands
-
-
-@shared
-def may_move(run: Run, a: int) -> bool:
-    """Whether a slow link lifts, its grip has broken, or it slips."""
-    fast = run.touching[a, SLIP_SLACK]
-    slips = run.touching[a, RUBS] == 1.0 and abs(slip_of(run, a)) > fast
-    return run.touching[a, LIFTS] == 1.0 or run.touching[a, BROKEN] != 0.0 or slips or run.touching[a, ACTS] == 0.0
-
-
-@shared
-def is_held(run: Run) -> bool:
-    """Whether no slow link accelerates along what it holds, but where it opens without a force."""
-    force, held = largest(run, X, 0, 2 * run.tallies[TOGETHER]), True
-    for a in range(run.tallies[TOGETHER]):
-        if run.touching[a, STANDS] == 1.0:
-            still = 4.0 * RESTLESS * (falling(run, a) + force * sqrt(run.touching[a, OWN]))
-            if run.touching[a, FORCE] == 0.0 and run.touching[a, AFTER] > still:
-                continue
-            held = held and abs(run.touching[a, AFTER]) <= still
-            still = 4.0 * RESTLESS * (slip_falling(run, a) + force * sqrt(run.touching[a, SLIP_OWN]))
-            held = held and (run.touching[a, RUBS] == 0.0 or abs(run.touching[a, SLIP_AFTER]) <= still)
-    return held
 
 
 @shared
@@ -218,18 +129,6 @@ def hold_breaks(run: Run) -> bool:
 
 
 @shared
-def halt_slips(run: Run) -> bool:
-    """Have links whose slip is as slow as a bounce that may be skipped grip from now on; whether there are any."""
-    any_halts = False
-    for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
-        slides = run.touching[a, ACTS] == 1.0 and run.vectors[DRAG, 2 * a + 1] != 0.0
-        if slides and run.touching[a, HALTED] == 0.0 and is_short(run, a, slip_of(run, a), falling(run, a)):
-            run.touching[a, HALTED], any_halts = WEDGED, True
-    run.spans[STRAIN] = 0.0 if any_halts else run.spans[STRAIN]
-    return any_halts
-
-
-@shared
 def let_slide(run: Run) -> None:
     """Let links whose slip was stopped slide, if their forces have them slide."""
     closed = 0
@@ -237,23 +136,6 @@ def let_slide(run: Run) -> None:
         if run.touching[a, ACTS] == 1.0:
             run.grips[closed] = int(run.touching[a, GRIPS])
             closed += 1
-
-
-@shared
-def pose_grip(run: Run, a: int, acts: bool) -> None:
-    """Write down whether a link grips, and within which bounds, or slides already, or since its grip has just broken."""
-    row = 2 * a + 1
-    pose_slip(run, a, acts, acceleration_along(run, row, run.touching[a, SLIP_BIAS]))
-    if run.touching[a, RUBS] == 1.0:
-        slip, fast = slip_of(run, a), run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a)
-        if run.touching[a, STANDS] == 1.0:
-            run.vectors[GRIP, row] = run.touching[a, STATIC]
-        elif abs(slip) > fast and run.touching[a, HALTED] == 0.0:
-            run.vectors[DRAG, row] = -run.touching[a, KINETIC] if slip > 0.0 else run.touching[a, KINETIC]
-        elif run.touching[a, BROKEN] != 0.0:
-            run.vectors[DRAG, row] = run.touching[a, BROKEN] * run.touching[a, KINETIC]
-        else:
-            run.vectors[GRIP, row] = run.touching[a, STATIC]
 
 
 @shared
@@ -272,30 +154,6 @@ def restore_contacts(run: Run) -> bool:
         if run.touching[a, LIFTS] == 1.0 and run.touching[a, AFTER] < -4.0 * RESTLESS * size:
             run.touching[a, LIFTS], run.touching[a, ACTS], any_holds = 0.0, 1.0, True
     return any_holds
-
-
-@shared
-def note_accelerations(run: Run) -> None:
-    """Note the acceleration of every gap that touches, with the forces just found."""
-    count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
-    clear(run, 0, rows * count)
-    for a in range(count):
-        respond(run, rows * a, run.touching[a, FORCE])
-        if rows == 2:
-            respond(run, 2 * a + 1, run.touching[a, DRAGS])
-    for a in range(count):
-        run.touching[a, AFTER] = pressed_along(run, rows * a, run.touching[a, BIAS])
-        if rows == 2:
-            run.touching[a, SLIP_AFTER] = pressed_along(run, 2 * a + 1, run.touching[a, SLIP_BIAS])
-
-
-@shared
-def pressed_along(run: Run, row: int, bias: float) -> float:
-    """The acceleration along a row with what forces of links add."""
-    total = acceleration_along(run, row, bias)
-    for i in range(run.reads.shape[1]):
-        total += run.normals[row, i] * run.swing[run.reads[row, i]]
-    return total
 
 
 @shared
@@ -321,7 +179,6 @@ def close(run: Run) -> None:
         if run.tallies[ROWS] == 2:  # where forces are balanced by friction, what is left of them is no motion
             still += 4.0 * RESTLESS * largest(run, X, 0, 2 * run.tallies[TOGETHER]) * sqrt(run.touching[a, OWN])
         opens = run.touching[a, FORCE] == 0.0 and run.touching[a, AFTER] > still
-        opens = opens and run.touching[a, HALTED] != STANDING
         if run.touching[a, ACTS] == 1.0 and not opens:
             k = int(run.touching[a, CANDIDATE])
             if run.tallies[ROWS] == 2:
@@ -362,15 +219,14 @@ def take_energy(run: Run, t: float) -> None:
             run.touching[a, PULL] = slip_of(run, a)
     look_at_closed(run, t, run.z)
     stop(run)
-    row, rows = closed_from(run), int(run.tallies[ROWS])
+    row, rows, lasting = closed_from(run), int(run.tallies[ROWS]), skipped_time(run)
     for a in range(run.tallies[TOGETHER]):
         before = run.touching[a, TAKEN]
         run.touching[a, TAKEN] = 0.0
         if run.touching[a, ACTS] == 1.0:
             impulse, after = run.vectors[X, row] * run.vectors[SCALE, row], rate_of(run, a)
             taken = -impulse * (before + after) / 2.0
-            skips = run.touching[a, SKIPS] == 1.0 or run.touching[a, HALTED] == STANDING
-            run.touching[a, TAKEN] = taken if skips else 0.0
+            run.touching[a, TAKEN] = taken if run.touching[a, SKIPS] == 1.0 else 0.0
             run.spans[LOSS] += taken
             run.spans[WORK] -= impulse * run.touching[a, EARLY]
             run.spans[TERMS] += abs(impulse) * (abs(before) + abs(after))
@@ -381,20 +237,6 @@ def take_energy(run: Run, t: float) -> None:
                 run.spans[LOSS] += rubbed
                 run.spans[WORK] -= pull * run.touching[a, SLIP_EARLY]
                 run.spans[TERMS] += abs(pull) * (abs(slip) + abs(slip_of(run, a)))
-                if run.touching[a, HALTED] == WEDGED:
-                    check_cone(run, a, impulse, abs(pull))
+                if run.touching[a, HALTED] == WEDGED or run.touching[a, HALTED] == ENDED:
+                    check_cone(run, a, impulse, pull, lasting)
             row += rows
-
-
-@shared
-def check_cone(run: Run, a: int, pressing: float, rubbing: float) -> None:
-    """Note an impulse that stopped a slip and rubs by more than friction allows, or pulls."""
-    most = run.touching[a, STATIC] * pressing
-    if rubbing <= most * (1.0 + ALLOWED):
-        return
-    run.tallies[OUTSIDE] += 1
-    needed = rubbing / most if most > 0.0 else inf
-    if needed > run.spans[NEEDED]:
-        k = int(run.touching[a, CANDIDATE])
-        run.spans[NEEDED], run.spans[NEEDED_AT] = needed, run.trial[0].t
-        run.tallies[OUTSIDE_OF], run.tallies[OUTSIDE_LINK] = run.candidates[k, ASSEMBLY], run.candidates[k, LINK]

@@ -31,10 +31,10 @@ from xdynamics.march.run import Run
 # whether patterns have the parameters of the run; rows of a link in systems of equations: two where there is friction;
 # steps in a row in which forces of closed links hardly changed; events that followed each other within what times are
 # located to; links whose slip was stopped by more than their friction, with assembly and link of the worst; landings in
-# a row, soon after one another, at which nothing changed, and all in a row that are soon after one another
+# a row, soon after one another, at which nothing changed
 COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
-ROWS, QUIET, HASTE, OUTSIDE, OUTSIDE_OF, OUTSIDE_LINK, IDLE, BURST = range(12, 20)
-TALLIES = 20
+ROWS, QUIET, HASTE, OUTSIDE, OUTSIDE_OF, OUTSIDE_LINK, IDLE = range(12, 19)
+TALLIES = 19
 OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, SHARED, UNDECIDED = range(
     1, 12
 )  # what was wrong

@@ -16,7 +16,6 @@ from xdynamics.march.assembly.broad_phase import (
     AIM,
     ASTRAY,
     BEGUN,
-    BURST,
     CLOSE,
     COUNT,
     CROWDED,
@@ -131,7 +130,7 @@ def begin(run: Run) -> None:
         run.tallies[CLOSE] += 1
     if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
         run.now[0].status = REASON_CONTACT
-    run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE], run.tallies[BURST] = 0, 0, 0, 0
+    run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
 
 
 @shared
@@ -176,7 +175,7 @@ def find(run: Run) -> None:
     if meets:
         run.margins[SINCE, 0] = -inf
     else:
-        run.tallies[IDLE], run.tallies[BURST] = 0, 0
+        run.tallies[IDLE] = 0
     if meets and is_hasty(run):
         give_up(run, HASTY, REASON_CONTACT)
     elif meets and run.tallies[IDLE] > MOST_IDLE:
@@ -287,7 +286,6 @@ def note_idleness(run: Run, changes: bool) -> None:
     """Count a landing soon after the last one, and one at which no link was struck, lifted, or began to slip or to stick."""
     soon = run.trial[0].h <= IDLY * run.spans[WHOLE_STEP]
     run.tallies[IDLE] = run.tallies[IDLE] + 1 if soon and not changes else 0
-    run.tallies[BURST] = run.tallies[BURST] + 1 if soon else 0
 
 
 @shared

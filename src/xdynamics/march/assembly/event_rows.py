@@ -13,6 +13,7 @@ from xdynamics.march.assembly.touching import (
     GAP,
     GRIPPED,
     GRIPS,
+    HALTED,
     HELD,
     LASTS,
     LOST,
@@ -87,7 +88,8 @@ def note_changes(run: Run, before: int) -> None:
             run.log_events[e].residual = 0.0
         elif run.touching[a, ACTS] == 1.0 and run.tallies[ROWS] == 2:
             did, does = run.touching[a, GRIPPED], run.touching[a, GRIPS]
-            if did != does and (did == STICKS or does == STICKS):
+            stops = run.touching[a, HALTED] != 0.0 and run.touching[a, TAKEN] != 0.0
+            if stops or (did != does and (did == STICKS or does == STICKS)):
                 e = add_row(run, a, before, STICK if does == STICKS else SLIP_KIND)
                 run.log_impulses[2 * run.tallies[SLOTS], e] = run.touching[a, TAKEN]
                 run.log_events[e].residual = 0.0

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import BURST, IDLE, ROWS
+from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.links import ASSEMBLY
 from xdynamics.march.assembly.narrow_phase import resolution_of
-from xdynamics.march.assembly.touching import BIAS, BOUNCE, CANDIDATE, RUBS, SLACK, SLIP_BIAS, rate_of, slip_of
+from xdynamics.march.assembly.touching import BIAS, BOUNCE, CANDIDATE, SLACK, SLIP_BIAS
 from xdynamics.march.run import Run
 
 LOW = 1e-9  # of the height of the highest bounce: those that may be skipped, unless the model says how low they are
-LONG_BURST = 4  # landings in a row, each soon after the last, after which motions that are low are skipped together
 
 
 @shared
@@ -59,18 +60,16 @@ def is_short(run: Run, a: int, rate: float, fall: float) -> bool:
 
 
 @shared
-def is_in_burst(run: Run) -> bool:
-    """Whether events follow one another soon, and the last changed something: else what was held lets go again at once."""
-    return bool(run.tallies[BURST] >= LONG_BURST and run.tallies[IDLE] == 0)
+def bounce_time(run: Run, a: int) -> float:
+    """How long a bounce of a link lasts that may just be skipped."""
+    c, fall = run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY], falling(run, a)
+    height = run.assemblies[c].rest_height
+    speed = sqrt(2.0 * fall * height) if height >= 0.0 else sqrt(LOW) * run.greatest[1 + c]
+    return 2.0 * speed / fall if fall > 0.0 else 0.0
 
 
 @shared
-def is_slow(run: Run, a: int) -> bool:
-    """Whether in a burst of events a link opens and slips no faster than bounces begin that may be skipped."""
-    if not is_in_burst(run):
-        return False
-    rate, fall = rate_of(run, a), falling(run, a)
-    opens = abs(rate) > run.touching[a, SLACK] + fall * resolution(run, a)
-    if opens and (run.touching[a, BOUNCE] >= 1.0 or not is_short(run, a, rate, fall)):
-        return False
-    return run.touching[a, RUBS] == 0.0 or is_short(run, a, slip_of(run, a), fall)
+def passes_soon(run: Run, a: int, slip: float, brake: float) -> bool:
+    """Whether a slip that is braked goes no farther, and lasts no longer, than a bounce of its link that may be skipped."""
+    fall = falling(run, a)
+    return slip <= brake * bounce_time(run, a) and is_short(run, a, slip * sqrt(fall / brake), fall)

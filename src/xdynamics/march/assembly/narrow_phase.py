@@ -190,7 +190,7 @@ def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
             s = (low + high) / 2.0
         earlier = width if turns % 3 == 0 else earlier
         substep(run, s)
-        value = least(run, run.z, t + s, of_gaps)
+        value = least_gap(run, run.z, t + s) if of_gaps else least_force(run)  # which the substep found
         if value > 0.0:
             low, at_low = s, value
         else:
@@ -212,7 +212,10 @@ def finest_resolution(run: Run, s: float) -> float:
 @shared
 def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
     """The least of what falls on the piece: gaps, or forces of closed links."""
-    return least_gap(run, state, t) if of_gaps else least_force(run, state, t)
+    if of_gaps:
+        return least_gap(run, state, t)
+    forces_at(run, state, t)
+    return least_force(run)
 
 
 @shared
@@ -224,9 +227,8 @@ def forces_at(run: Run, state: State, t: float) -> None:
 
 
 @shared
-def least_force(run: Run, state: State, t: float) -> float:
-    """The least of what falls to zero in the trial: forces, what is left of grips, or slips."""
-    forces_at(run, state, t)
+def least_force(run: Run) -> float:
+    """The least of what falls to zero in the trial: forces, what is left of grips, or slips, as they were found last."""
     force = inf
     for a in range(run.closed[0]):
         if run.lifted[a] > 0:

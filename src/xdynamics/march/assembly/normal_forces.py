@@ -14,7 +14,9 @@ from math import inf
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.closed_links import IMAGE, LEAST, MOST, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
+from xdynamics.march.assembly.direct_solution import add_solution, eliminate
 from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
 
@@ -22,6 +24,7 @@ ENOUGH = 16.0 * EPS  # of the size of the terms: residual at which iterations en
 ALLOWED = 1e-9  # of that size: a larger residual ends the run
 MOST_RESTARTS = 4
 LEAST_TURNS = 50
+MOST_AT_ONCE = 128  # equations of links with friction that elimination solves sooner than iterations
 MOST_TURNS = 100  # for each unknown
 
 
@@ -64,6 +67,7 @@ def solve_equations(run: Run, first: int, count: int) -> float:
         for a in range(first, first + count):
             run.vectors[RESIDUE, a] = 0.0
         return 0.0
+    n = eliminate(run, first, count, MOST_AT_ONCE, False) if run.tallies[ROWS] == 2 else 0
     for _ in range(MOST_RESTARTS):
         multiply(run, X, RESIDUE, first, count)
         for a in range(first, first + count):
@@ -73,7 +77,10 @@ def solve_equations(run: Run, first: int, count: int) -> float:
         if share <= ENOUGH or not share < best / 2.0:
             return min(share, best)
         best = share
-        reduce_residual(run, ENOUGH * size, first, count)
+        if n > 0:
+            add_solution(run, n, RESIDUE, X)
+        else:
+            reduce_residual(run, ENOUGH * size, first, count)
     return best
 
 

@@ -174,7 +174,6 @@ def is_confirmed(run: Run, s: float) -> bool:
     strain = run.spans[STRAIN]
     keep(run)
     substep(run, s)
-    forces_at(run, run.z, run.now[0].t + s)
     if any_release(run):
         return True
     take(run)

@@ -21,6 +21,7 @@ from xdynamics.march.assembly.closed_links import (
     TRIED_WAY,
     X,
 )
+from xdynamics.march.assembly.direct_solution import add_solution, eliminate
 from xdynamics.march.assembly.normal_forces import ENOUGH, MOST_RESTARTS, largest
 from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
@@ -33,6 +34,7 @@ def solve_at_once(run: Run, first: int, rows: int) -> float:
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
         given = max(given, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
+    n = eliminate(run, first, rows, run.basis.shape[0], True)
     for _ in range(MOST_RESTARTS):
         apply_all(run, LOAD, AMISS, 1.0, first, rows)
         for row in range(first, first + rows):
@@ -43,7 +45,10 @@ def solve_at_once(run: Run, first: int, rows: int) -> float:
         if share <= ENOUGH or not share < best / 2.0:
             break
         best = share
-        follow_paths(run, ENOUGH * size / 4.0, first, rows)
+        if n > 0:
+            add_solution(run, n, AMISS, LOAD)
+        else:
+            follow_paths(run, ENOUGH * size / 4.0, first, rows)
     for row in range(first, first + rows):
         run.vectors[X, row], run.vectors[RESIDUE, row] = run.vectors[LOAD, row], run.vectors[AMISS, row]
     return share

@@ -37,10 +37,11 @@ REACH, HELD, LIFTS, FORCE, AFTER, SKIPS, LASTS, TAKEN = range(15, 23)
 RUBS, KINETIC, STATIC, SLIP, SLIP_EARLY, SLIP_BIAS, SLIP_SLACK, SLIP_OWN = range(23, 31)
 PULL, TOTAL_PULL, DRAGS, SLIP_AFTER, GRIPPED, GRIPS = range(31, 37)
 # the impulse that it gives back by Poisson's law, what its slip answers to a normal impulse, the direction of the
-# friction of a grip that has just broken, why its slip is stopped if it is, and whether it is tried to stand with others
-GIVES_BACK, ACROSS, BROKEN, HALTED, STANDS = range(37, 42)
+# friction of a grip that has just broken, and why its slip is stopped if it is
+GIVES_BACK, ACROSS, BROKEN, HALTED = range(37, 41)
+GOES_ON = 41  # whether a slip is not to be stopped, as it would go on
 NUMBERS = 42  # of a link that touches
-WEDGED, STANDING = 1.0, 2.0  # why a slow slip is stopped: no forces exist while it lasts, or forces hold all slow links
+WEDGED, ENDED = 1.0, 2.0  # why a slow slip is stopped: no forces exist while it lasts, or friction ends it so soon
 OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
 
 
