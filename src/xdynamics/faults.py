@@ -25,6 +25,7 @@ _LABEL = "[A-Za-z0-9_]+?"  # what a record says of an extreme follows the last l
 _ELEMENT = re.compile(
     rf"([A-Za-z0-9_.]+){DOT}({_LABEL}(?:{DOT}{_LABEL})*)(_time|_rule|_uncertainty|)(?![A-Za-z0-9_{DOT}])"
 )
+_NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 def spoken(text: str) -> str:
@@ -171,6 +172,24 @@ def numbered(faults: Iterable[str]) -> str:
     return "".join(listed if rest <= 1 else [*listed[:MOST_LISTED], f"\n  … and {rest} more"])
 
 
+def merged(faults: Iterable[str]) -> list[str]:
+    """Return faults with one in the place of those that differ in the element, and in numbers, alone.
+
+    Examples
+    --------
+    >>> merged(["mass of 'u·0' is -1", "mass of 'u·1' is -2", "time runs back"])
+    ["mass of 'u·0' is -1; likewise 1 more element", 'time runs back']
+    """
+    alike: dict[str, list[str]] = {}
+    for fault in faults:
+        inside = written(fault)
+        alike.setdefault(_NUMBER.sub("", _ELEMENT.sub(r"\1", inside)) if DOT in inside else fault, []).append(fault)
+    return [
+        first + (f"; likewise {len(others)} more element{'s' if others[1:] else ''}" if others else "")
+        for first, *others in alike.values()
+    ]
+
+
 class Ledger:
     """Gathers the faults of one input, to raise them together.
 
@@ -215,6 +234,7 @@ class Ledger:
         """
         if not self.faults:
             return
-        if len(self.faults) == 1:
-            raise self.error(f"{self.subject}: {self.faults[0]}", tuple(self.faults))
-        raise self.error(f"{self.subject} has {len(self.faults)} faults:{numbered(self.faults)}", tuple(self.faults))
+        different = merged(self.faults)
+        if len(different) == 1:
+            raise self.error(f"{self.subject}: {different[0]}", tuple(self.faults))
+        raise self.error(f"{self.subject} has {len(different)} faults:{numbered(different)}", tuple(self.faults))

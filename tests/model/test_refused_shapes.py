@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
@@ -115,3 +116,37 @@ def test_a_table_of_many_columns_is_split_once(monkeypatch: pytest.MonkeyPatch) 
         counts.append(len(read))
         assert len(model.drives) == n
     assert counts[0] == counts[1] > 0
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        (
+            {"validation": {"u": {"expression": "1*metre*index(site)", "bound": "1 m", "times": ["1 s"]}}},
+            "validation 'u': .* has the dimension 'site', and it needs bead; reduce it",
+        ),
+        (
+            {"drives": {"pull": {"csv": "x [m],pull [N]\n0,1\n1,2\n", "argument": "u"}}},
+            "drive 'pull': argument: 'u' has the dimension 'bead', and it needs none; reduce it, as in sum",
+        ),
+        (
+            {"drives": {"pull": {"csv": "x [m],pull [N]\n0,1\n1,2\n", "argument": "u[q]"}}},
+            "'chain': drive 'pull': argument: dimension 'bead' has no element q; it has the labels a, b, c",
+        ),
+        (
+            {"contacts": {"floor": {"gap": "u - 1*metre*(1 + index(bead))", "restitution": 1}}},
+            r"'chain': contact 'floor\[a\]': gap is -1 .* not negative; likewise 2 more elements$",
+        ),
+    ],
+)
+def test_a_fault_of_all_elements_is_said_once(sections: dict[str, Any], said: str) -> None:
+    """Assert that dimensions of tables' arguments and closed forms are checked, and elements are not listed."""
+    with pytest.raises(xd.ModelError, match=said) as refusal:
+        xd.simulate(xd.Model(**chain(**sections)), method="rk4", step="1 s", until="1 s")
+    assert "\n" not in str(refusal.value)
+
+
+def test_sizes_and_labels_may_be_numpys() -> None:
+    """Assert that a number of elements and labels as numpy has them are those of a file."""
+    sizes = {"bead": np.array(["a", "b", "c"]), "site": np.int64(4)}
+    assert xd.Model(**chain(dimensions=sizes)) == xd.Model(**CHAIN)

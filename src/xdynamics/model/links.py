@@ -35,6 +35,7 @@ def extent(value: Any, name: str, _: Source) -> Extent:
         If it is neither, or has a label twice.
     """
     refuse_word(name)
+    value = value.tolist() if hasattr(value, "tolist") else value  # of numpy
     if isinstance(value, int) and not isinstance(value, bool):
         if not 1 <= value <= MOST_ELEMENTS:
             raise InputError(f"has {value} elements, needs 1 to {MOST_ELEMENTS}")

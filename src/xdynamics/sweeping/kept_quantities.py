@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, RULES
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observables import comparable, observables_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, few
 from xdynamics.model import Model
 from xdynamics.model.joints import joint_reactions
 from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
@@ -110,7 +110,7 @@ class Keeping:
             variables |= {variable.name: variable for variable in kept}
         if unknown:
             known = of_wholes(reader.known())
-            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {', '.join(known)}")
+            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {few(known)}")
         return folded(variables, model.shapes)
 
 
