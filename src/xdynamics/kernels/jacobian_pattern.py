@@ -26,6 +26,7 @@ from xdynamics.shapes.dependence import Dependence
 
 WRITTEN_OUT = 5  # velocities and states up to which derivatives are those of elements: the most that lanes factorise
 WIDE = 64  # numbers in a row of a band from which on another order is looked for
+LEAST_BANDED = 64  # single numbers from which on their band is looked for
 TRIED = 32  # numbers of groups that are tried with columns dealt out in turn
 
 Whole = NDArray[np.int64]
@@ -158,6 +159,18 @@ def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, 
     if best.height > min(WIDE, count):
         best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_height)
     return best
+
+
+def band_as_written(entries: Whole, coordinates: int, size: int) -> Band | None:
+    """Return the band of a model of single numbers, in the order in which they are written; None where it is as well kept whole.
+
+    Elimination then takes the same sums in the same order: what it leaves out are zeros, and the numbers are the same.
+    """
+    if size < LEAST_BANDED:
+        return None
+    rows, columns = entries.T
+    band = _banded(np.arange(size), rows, np.where(columns < coordinates, columns, columns - coordinates))
+    return band if 2 * band.height <= size else None
 
 
 def _height(band: Band) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
+from xdynamics.kernels.jacobian_pattern import band_as_written, is_compressed, pattern_of
 from xdynamics.kernels.jets.series import has_pairs
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
@@ -101,7 +101,10 @@ def _simplified_arrays(law: Law) -> Arrays:
 def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
     """Return the entries of a matrix and the order of its unknowns, and how many numbers a column has."""
     if not is_compressed(layout):
-        return {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "order": np.arange(size)}, size
+        entries = np.array(layout.couplings, np.int64).reshape(-1, 2)
+        known: Arrays = {"entries": entries, "order": np.arange(size)}
+        band = band_as_written(entries, layout.coordinates.size, size)
+        return (known, size) if band is None else (known | {"band": np.array([band.lower, band.upper])}, band.height)
     pattern = pattern_of(layout)
     band = pattern.band
     system: Arrays = {"entries": np.stack([pattern.rows, pattern.columns], axis=1), "groups": pattern.groups}
