@@ -144,9 +144,15 @@ def owners_of_switches(model: Model) -> tuple[str, ...]:
 def smooth_switches(model: Model) -> tuple[Switch, ...]:
     """Return the hidden switches of forces and rates that are declared smooth: they are counted, but not located.
 
-    Points of tables are not included; see `bent_and_smooth`.
+    Of elements over a hundred are not: writing them out would take longer than the run. Points of tables are not included;
+    see `bent_and_smooth`.
     """
-    return tuple(switch for owner, trees in _trees(model, smooth=True) for switch in _of_trees(model, owner, trees))
+    most, found = MOST_COUNTED if model.shapes.dims else inf, list[Switch]()
+    for owner, trees in _trees(model, smooth=True):
+        found += _of_trees(model, owner, trees, most)
+        if len(found) > most:
+            return ()
+    return tuple(found)
 
 
 def bent_and_smooth(model: Model) -> tuple[str, ...]:
