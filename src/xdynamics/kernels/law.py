@@ -60,11 +60,14 @@ class Law:
         Whether a step keeps every force evaluation.
     energies : bool
         Whether rows are given energies, which are a sum over all links; `source` has them all the same.
+    read : bool
+        Whether anything reads these; if not, its machine code leaves them out, and its text has them all the same.
     """
 
     layout: Layout
     sampled: bool
     energies: bool = True
+    read: bool = True
 
     @property
     def scheme(self) -> Scheme:
@@ -163,7 +166,7 @@ class Law:
 
     @cached_property
     def _key(self) -> str:
-        return law_cache.key_of(self.layout, sampled=self.sampled, energies=self.energies)
+        return law_cache.key_of(self.layout, sampled=self.sampled, energies=self.energies, read=self.read)
 
     @property
     def _can_be_kept(self) -> bool:
@@ -299,7 +302,8 @@ class Law:
         names = [name for i, name in enumerate(self.printed.names, FORCES) if i != INSIDE]
         if self._kept is not None:
             return machine.Code(self._kept[1], names)
-        code = machine.built(self.text(without=[self.entries[INSIDE - FORCES]]))
+        coded = self if self.read else Law(self.layout, sampled=False, energies=self.energies)
+        code = machine.built(coded.text(without=[coded.entries[INSIDE - FORCES]]))
         law_cache.write(self._key, self.printed, code)
         return machine.Code(code, names)
 
@@ -323,8 +327,8 @@ def _alone(names: tuple[str, ...]) -> machine.Code:
 
 
 @lru_cache(maxsize=128)
-def law_of(layout: Layout, *, sampled: bool, energies: bool = True) -> Law:
-    """Return the law of a layout, made once for all models that differ in numbers alone.
+def law_of(layout: Layout, *, sampled: bool, energies: bool = True, read: bool = True) -> Law:
+    """Return the law of a layout, made once for all models that differ in numbers alone; see `Law`.
 
     Without `energies` rows of models with dimensions have none, but where contacts judge impacts by them.
 
@@ -335,7 +339,7 @@ def law_of(layout: Layout, *, sampled: bool, energies: bool = True) -> Law:
     )
     if layout.model.python_functions:
         return Law(layout, sampled, energies)
-    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled, energies), layout))
+    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled, energies, read), layout))
 
 
 @dataclass(frozen=True)
@@ -348,7 +352,7 @@ class _Form:
 
 @lru_cache(maxsize=64)
 def _law_of_form(form: _Form) -> Law:
-    return Law(form.layout, *form.key[-2:])
+    return Law(form.layout, *form.key[2:])
 
 
 def _entered(run: float, entry: float, t: float, z: NDArray[np.float64]) -> None:

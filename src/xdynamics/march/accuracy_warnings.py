@@ -82,7 +82,7 @@ def _of_mass(march: March) -> Iterator[str]:
         return
     moving = {"t", *march.layout.used, *model.drives}
     varies = any(model.reads(entry) & moving for entry in model.statement.mass_entries.values())
-    stride = max(1, march.witnesses.rows.shape[1] // FEW_LOOKS) if varies else march.witnesses.rows.shape[1]
+    stride = max(1, march.witnesses.steps.shape[1] // FEW_LOOKS) if varies else march.witnesses.steps.shape[1]
     states = _states(march, march.witnesses.rows[1:, ::stride])
     conditions = [_condition(mass) for mass in mass_matrices(model, states)]
     worst = int(np.argmax(conditions))
@@ -255,12 +255,12 @@ def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
 
 def advice_on_stiffness(march: March) -> str:
     """Return advice where stability limits the chosen steps of an explicit method for most of a run, else nothing."""
-    method, model, rows = march.settings.method, march.model, march.witnesses.rows[1:]
+    method, model = march.settings.method, march.model
     if not march.settings.adaptive or method.solves or model.python_forces or march.now.rows < FEW_ROWS:
         return ""
     if beyond_trees(model) or model.delays:
         return ""
-    time = march.settings.scales.of(TIME)
+    time, rows = march.settings.scales.of(TIME), march.witnesses.rows[1:]
 
     def limited(first: int, last: int) -> float:
         chosen = rows[:, first:last]

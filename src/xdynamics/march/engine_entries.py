@@ -294,7 +294,7 @@ def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
     address : int
         Of a `Run`, whose state is changed.
     states : ndarray, shape (1 + n, k)
-        Time and state.
+        Time and state; of shape (1, 1) the time alone where the run has the state.
     found : ndarray, shape (1 + n, n or k)
         Filled: in the first row the rate at each state; in the rows after it, if there are any, the derivatives of
         the slope of variable i by variable j at the only state, each over its size.
@@ -303,7 +303,7 @@ def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
     for i in range(run.touches.shape[0]):
         run.touches[i] = _NO_TOUCH[0]
     for k in range(states.shape[1]):
-        stand_at(run, states, k)
+        slopes_at(run, states, k)
         natural_sizes(run, run.y)
         found[0, k] = fastest_rate(run, states[0, k], run.y)
     if found.shape[0] > 1:
@@ -316,6 +316,22 @@ def stand_at(run: Run, states: Floats, k: int) -> None:
     for i in range(run.y.shape[0] if run.plan[0].doubled > 0 else run.plan[0].used + run.plan[0].evaluated):
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
     enter_here(run, states[0, k])
+
+
+@shared
+def slopes_at(run: Run, states: Floats, k: int) -> None:
+    """Do the same for slopes alone, without touching force terms; a time alone stands for the state that is there."""
+    used, t, size, doubled = run.plan[0].used, states[0, k], run.y.shape[0], run.plan[0].doubled > 0
+    for i in range(0 if states.shape[0] == 1 else size if doubled else used):
+        run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
+    stand(run, t)
+    if run.plan[0].reactions > 0:
+        entered_by(run.functions[CONTACT_PHASE], run, t, INFORM)
+    for i in range(size if doubled else used):
+        run.probe[i] = run.y[i]
+    evaluate(run, t, run.probe)
+    for i in range(used, size if doubled else 2 * used - run.plan[0].coordinates):
+        run.y[i] = run.probe[i]
 
 
 @shared

@@ -147,8 +147,8 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
         first = n + layout.evaluation.size
         arrays["y"][first : first + n] = [rest_of(model.initial[name]) for name in layout.used]
     arrays["atol"] = _tolerances(law, settings)
-    arrays["probe"], arrays["turning"] = np.zeros(layout.record.size), np.zeros(4 * n)
-    arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())))
+    arrays["probe"], arrays["turning"] = np.zeros(layout.record.size), np.zeros(3 * n - layout.coordinates.size)
+    arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())) + 1)
     return arrays
 
 

@@ -317,5 +317,13 @@ def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     wide = shape[0] >= _WIDE and shape[1] <= _SHORT  # a page holds some columns, not a part of one that is never filled
     if size < _HUGE or wide or not hasattr(mmap, "MAP_PRIVATE"):
         return np.empty(shape, dtype)
-    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    return np.frombuffer(memory, dtype).reshape(shape)
+    return np.frombuffer(_mapped(size), dtype).reshape(shape)
+
+
+def unwritten(count: int) -> NDArray[np.float64]:
+    """Return zeros that take no memory before they are written; those of numpy may be on a heap that has been used."""
+    return np.frombuffer(_mapped(8 * count)) if hasattr(mmap, "MAP_PRIVATE") else np.zeros(count)
+
+
+def _mapped(size: int) -> mmap.mmap:
+    return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels.program import REGIME
 from xdynamics.march.lifetimes import Lifetime
+from xdynamics.march.log import unwritten
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past_arrays import fit, trim
 from xdynamics.march.run import ARRAYS, CHANGING, Run
@@ -79,10 +80,10 @@ def rest_on(run: Run, numbers: Floats) -> None:
 
 
 def give_back(run: Run) -> None:
-    """Give back the memory of trials of a march that has ended: zeros, which take none, stand in their place."""
+    """Give back the memory of trials of a march that has ended: pages that are not written stand in their place."""
     for name in OF_TRIALS:
         if (array := getattr(run, name)).nbytes >= LARGE:
-            run.put(**{name: np.zeros(array.shape)})
+            run.put(**{name: unwritten(array.size)})
 
 
 def go_on(run: Run, names: str, numbers: Floats) -> None:

@@ -297,10 +297,10 @@ class Run:
     atol: Own[Floats]
     followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
     kinds: Given[Short]  # kind of each variable; coordinates, velocities, states of one dimension share one
-    tops: Scratch[Floats]  # the largest of each kind, then of their slopes
+    tops: Scratch[Floats]  # the largest of each kind, then of their slopes, then a time scale
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
     probe: Scratch[Floats]  # a state at which forces are evaluated only for scales
-    turning: Scratch[Floats]  # sizes, slopes and directions for that; see `tolerance_sizes`
+    turning: Scratch[Floats]  # slopes and directions for that; see `tolerance_sizes`
     nodes: Given[Floats]  # times to land on between start and end
     node_rests: Given[Floats]  # what is left of each, and of the end, beside the float, where numbers are sums of two
     snaps: Given[Floats]  # how far a grid time may differ from each, and from the end, by rounding alone

@@ -23,7 +23,7 @@ from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
-from xdynamics.march.memory import arrays_of, give_back, put_back, rest_on
+from xdynamics.march.memory import LARGE, arrays_of, give_back, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.past_arrays import make_room
 from xdynamics.march.run import BASE, NOW, Run
@@ -81,8 +81,10 @@ class March:
         self.settings = settings
         self.progress = progress
         self.layout: Layout = settings.layout(model)
-        self.law: Law = law_of(self.layout, sampled=settings.samples, energies=settings.energies)
         self.times = times
+        self.law: Law = law_of(
+            self.layout, sampled=settings.samples, energies=settings.energies, read=self._keeps_samples
+        )
         self.interrupted = False
         self.stopping_event = ""
         self.chattering = NOWHERE  # the detector of the switch that a march without end passed to and fro
@@ -331,6 +333,13 @@ class March:
         if place >= 0 and log.impulses[place, :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
             self.gains = with_more(self.gains, self.layout, impacts, int(log.base[0]["events"]))
+
+    @property
+    def _keeps_samples(self) -> bool:
+        """Whether anything reads the force samples of a step, or they are small."""
+        if self.settings.keeps_samples or self.thinning is not None:
+            return True
+        return 8 * self.layout.sample_width * self.settings.scheme.samples < LARGE
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or load it."""

@@ -69,20 +69,23 @@ class TimeScales:
 
 def time_scales(march: March) -> TimeScales | None:
     """Return the time scales of the motion; None where forces cannot be evaluated at the start."""
-    witnesses, run, n = march.witnesses.rows, march.run, march.layout.used.size
-    if not witnesses.shape[1]:
+    witnesses, run, n = march.witnesses, march.run, march.layout.used.size
+    if not witnesses.steps.shape[1]:
         return None
     plan = run.plan.tolist()[0]
     chosen = _chosen(march)
     rates, together = np.zeros((1, len(chosen))), max(1, MOST_TOGETHER // n)
-    with put_aside(march) as room:
+    in_place = witnesses.end_with(run.y[:n])
+    together = 1 if in_place else together
+    with put_aside(march, in_place=in_place) as room:
         for first in range(0, len(chosen), together):
             part = slice(first, first + together)
-            engine().fastest_rates(run, states_of(witnesses, chosen[part], room), rates[:, part])
+            states = witnesses.put_in(run.y, chosen[first]) if in_place else witnesses.states(chosen[part], room)
+            engine().fastest_rates(run, states, rates[:, part])
     if not 0.0 <= rates[0, 0] < np.inf:
         return None
     first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
-    steps = witnesses[2, chosen]
+    steps = witnesses.steps[2, chosen]
     steps[0] = first
     products = rates[0] * steps
     scale = march.settings.scales.of(TIME)
@@ -99,7 +102,7 @@ def jacobian_at(march: March, row: int) -> Floats:
     n = march.layout.used.size
     derivatives = np.zeros((1 + n, n))
     with put_aside(march):
-        engine().fastest_rates(march.run, states_of(march.witnesses.rows, [row]), derivatives)
+        engine().fastest_rates(march.run, march.witnesses.states([row]), derivatives)
     return derivatives[1:]
 
 
@@ -129,18 +132,9 @@ def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:
     return derivatives
 
 
-def states_of(witnesses: Floats, chosen: list[int], room: Floats | None = None) -> Floats:
-    """Return time and state of some rows; of a single one in the room that `put_aside` made, if it is given."""
-    size = len(witnesses) - 2
-    states = np.empty((size, len(chosen))) if room is None or len(chosen) > 1 else room[:size, None]
-    for k, row in enumerate(chosen):
-        states[0, k], states[1:, k] = witnesses[1, row], witnesses[3:, row]
-    return states
-
-
 def _chosen(march: March) -> list[int]:
     """Return the start and some rows, independent of a march's parts; with several regimes only the start."""
-    rows = march.witnesses.rows.shape[1]
+    rows = march.witnesses.steps.shape[1]
     if len(march.model.regimes) > 1:
         return [0]
     count = min(MOST, max(FEWEST, int(march.now.evaluations) // SHARE), rows - 1)
@@ -167,18 +161,27 @@ def slowest_period(matrix: Floats, resolved: float = SLOW) -> float:
 
 
 @contextmanager
-def put_aside(march: March) -> Iterator[Floats]:
-    """Restore a march's current numbers afterwards; yield room for a time and the state after it, which the run reads."""
-    run = march.run
+def put_aside(march: March, *, in_place: bool = False) -> Iterator[Floats | None]:
+    """Restore a march's current numbers afterwards; yield room for a time and the state after it, which the run reads.
+
+    In place there is no such room: other states are put in that of the march, which its record has, too; force terms
+    beside it are not to be changed then.
+    """
+    run, used = march.run, march.layout.used.size
     plain = not (len(run.detectors) or len(run.touches))
     kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*_CHANGING, "p"))}
-    y = run.y
-    room = np.zeros(1 + y.size)  # of which what is not written takes no memory
-    run.put(y=room[1:])
+    y, slopes = run.y, slice(used, 2 * used - march.layout.coordinates.size)
+    before = y[slopes].copy() if in_place else np.empty(0)
+    room = None if in_place else np.zeros(1 + y.size)  # of which what is not written takes no memory
+    if room is not None:
+        run.put(y=room[1:])
     march.now.regime = run.plan[0].regime
     try:
         yield room
     finally:
+        if in_place:
+            march.witnesses.put_end_in(y)
+            y[slopes] = before
         run.put(y=y)
         for name, array in kept.items():
             getattr(run, name)[...] = array

@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.formulas import function_of
 from xdynamics.kernels.step_control import TOLERANCE
 from xdynamics.march.force_evaluation import evaluate, slope_of
@@ -71,10 +71,10 @@ def begin_sizes(run: Run) -> float:
         time = min(1.0 / rate, plan.rest / BEGINNING)
     for i in range(used):
         if run.followers[i]:
-            natural = time * max(turning[used + i], abs(slope_of(run, run.y, i)))
+            natural = time * max(turning[i], abs(slope_of(run, run.y, i)))
             if i < plan.coordinates:
                 second = plan.coordinates + i
-                natural = max(natural, time * time * max(turning[used + second], abs(slope_of(run, run.y, second))))
+                natural = max(natural, time * time * max(turning[second], abs(slope_of(run, run.y, second))))
             run.largest[i] = max(run.largest[i], plan.floor / plan.rtol * natural)
             run.atol[i] = plan.rtol * max(run.largest[i], natural)
     return time if rate > 0.0 else math.inf
@@ -82,21 +82,42 @@ def begin_sizes(run: Run) -> float:
 
 @shared
 def natural_sizes(run: Run, y: State) -> float:
-    """Fill `turning` with the size of each variable, now or after a time scale of the motion; return that time."""
-    n, used, turning = run.plan[0].coordinates, run.plan[0].used, run.turning
+    """Let `size_of` know the size of each variable, now or after a time scale of the motion; return that time.
+
+    Of a million variables sizes are not kept: they would take as much memory as the state.
+    """
+    used, turning, kinds = run.plan[0].used, run.turning, run.tops.shape[0] // 2
     time = time_at(run, y)
+    run.tops[2 * kinds] = time
+    for k in range(2 * kinds):
+        run.tops[k] = 0.0
     for i in range(used):
-        slope, second = abs(slope_of(run, y, i)), abs(slope_of(run, y, n + i)) if i < n else 0.0
-        turning[i] = max(abs(y[i]), slope * time, second * time * time)
-    for i in range(n):  # a body at rest in equilibrium needs a direction, too
-        turning[i] = max(turning[i], LITTLE * turning[n + i] * time)
-        turning[n + i] = max(turning[n + i], LITTLE * turning[i] / time)
-    tops_of(run, turning)
-    for i in range(used):
-        turning[i] = max(turning[i], LITTLE * run.tops[run.kinds[i]])
-        if turning[used + i] != 0.0:
-            turning[used + i] = 0.0
+        run.tops[kinds + run.kinds[i]] = max(run.tops[kinds + run.kinds[i]], abs(size_of(run, y, i)))
+        if turning[i] != 0.0:
+            turning[i] = 0.0
+    for k in range(kinds):
+        run.tops[k] = run.tops[kinds + k]
     return time
+
+
+@compiled
+def size_of(run: Run, y: State, i: int) -> float:
+    """Return the size of a variable in the time of `natural_sizes`, and no less than a little of the largest of its kind."""
+    n, time = run.plan[0].coordinates, run.tops[run.tops.shape[0] - 1]
+    size = own_size(run, y, i, time)
+    if i < n:  # a body at rest in equilibrium needs a direction, too
+        size = max(size, LITTLE * own_size(run, y, n + i, time) * time)
+    elif i < 2 * n:
+        size = max(size, LITTLE * max(own_size(run, y, i - n, time), LITTLE * size * time) / time)
+    return max(size, LITTLE * run.tops[run.kinds[i]])
+
+
+@compiled
+def own_size(run: Run, y: State, i: int, time: float) -> float:
+    """Return the size of a variable by itself: what it is, or what its slopes make of it in a time."""
+    n = run.plan[0].coordinates
+    slope, second = abs(slope_of(run, y, i)), abs(slope_of(run, y, n + i)) if i < n else 0.0
+    return max(abs(y[i]), slope * time, second * time * time)
 
 
 @shared
@@ -122,29 +143,30 @@ def time_at(run: Run, y: State) -> float:
 
 @shared
 def fastest_rate(run: Run, t: float, y: State) -> float:
-    """Estimate the size of the fastest eigenvalue of the motion about a state, the sizes of which are in `turning`.
+    """Estimate the size of the fastest eigenvalue of the motion about a state, of which `natural_sizes` knows the sizes.
 
     A few products of the Jacobian and a vector, by differences of the forces: the last three vectors are fitted by
     a recurrence whose roots are the eigenvalues (Krylov; Saad, Numerical Methods for Large Eigenvalue Problems,
     chapter 6). Exact for one oscillator or two decays; for many modes an estimate, mostly from below. 0 where it is not
     known.
     """
-    used, turning, rate, before = run.plan[0].used, run.turning, 0.0, 2 * run.plan[0].used
-    now, n = 3 * used, run.plan[0].coordinates
-    for i in range(used):
-        part = (i % n if n > 0 and i < 2 * n else i) * GOLDEN + (0.5 if n <= i < 2 * n else 0.0)
-        part = 2.0 * (part - math.floor(part)) - 1.0
-        turning[now + i] = turning[i] * (part + (1.0 if part >= 0.0 else -1.0)) / 2.0
+    used, turning, rate, n = run.plan[0].used, run.turning, 0.0, run.plan[0].coordinates
+    before, now = used, 2 * used - n
+    for i in range(n, used):
+        turning[now + i] = begun(run, y, i)
     for k in range(PRODUCTS):
         amount = 0.0
         for i in range(used):
-            if turning[i] > 0.0:
-                amount = max(amount, abs(turning[now + i]) / turning[i])
+            size = size_of(run, y, i)
+            if size > 0.0:
+                amount = max(amount, abs(led(run, y, i, k)) / size)
         if not 0.0 < amount < math.inf:
             return 0.0  # a power of the Jacobian is zero: nothing turns or decays
         for i in range(used):
-            turning[now + i] /= amount
-            run.probe[i] = y[i] + DIFFERENCE * turning[now + i]
+            direction = led(run, y, i, k) / amount
+            if i >= n:
+                turning[now + i] = direction
+            run.probe[i] = y[i] + DIFFERENCE * direction
         evaluate(run, t, run.probe)
         estimate = recurred(run, y, amount, k)
         if not estimate < math.inf:
@@ -152,22 +174,46 @@ def fastest_rate(run: Run, t: float, y: State) -> float:
         rate = estimate
         for i in range(used):
             product = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE
-            turning[before + i], turning[now + i] = turning[now + i], product
             if k == 0 and run.plan[0].follows:  # who reads it
-                turning[used + i] = abs(product)
+                turning[i] = abs(product)
+            if i < n:
+                turning[before + i] = led(run, y, i, k) / amount
+            else:
+                turning[before + i], turning[now + i] = turning[now + i], product
     return rate
+
+
+@compiled
+def begun(run: Run, y: State, i: int) -> float:
+    """Return the first direction along a variable."""
+    n = run.plan[0].coordinates
+    part = (i % n if n > 0 and i < 2 * n else i) * GOLDEN + (0.5 if n <= i < 2 * n else 0.0)
+    part = 2.0 * (part - math.floor(part)) - 1.0
+    return size_of(run, y, i) * (part + (1.0 if part >= 0.0 else -1.0)) / 2.0
+
+
+@compiled
+def led(run: Run, y: State, i: int, k: int) -> float:
+    """Return the direction that the products so far led to; along coordinates it follows from velocities before."""
+    n, used = run.plan[0].coordinates, run.plan[0].used
+    if i >= n:
+        return run.turning[2 * used - n + i]
+    if k == 0:
+        return begun(run, y, i)
+    return (y[n + i] + DIFFERENCE * run.turning[used + n + i] - y[n + i]) / DIFFERENCE
 
 
 @shared
 def recurred(run: Run, y: State, amount: float, k: int) -> float:
     """Return the larger root of the recurrence c + p b + q a = 0 that fits three vectors best, each over the sizes."""
-    used, turning = run.plan[0].used, run.turning
+    used, turning, n = run.plan[0].used, run.turning, run.plan[0].coordinates
     aa = ab = ac = bb = bc = 0.0
     for i in range(used):
-        if turning[i] > 0.0:
-            a = turning[2 * used + i] / turning[i] if k > 0 else 0.0
-            b = turning[3 * used + i] / turning[i]
-            c = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE / turning[i]
+        size = size_of(run, y, i)
+        if size > 0.0:
+            a = turning[used + i] / size if k > 0 else 0.0
+            b = (turning[2 * used - n + i] if i >= n else led(run, y, i, k) / amount) / size
+            c = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE / size
             aa, ab, ac, bb, bc = aa + a * a, ab + a * b, ac + a * c, bb + b * b, bc + b * c
     determinant = aa * bb - ab * ab
     if not determinant > PARALLEL * aa * bb:
@@ -180,15 +226,15 @@ def recurred(run: Run, y: State, amount: float, k: int) -> float:
 @shared
 def derivatives(run: Run, t: float, y: State, found: Floats) -> None:
     """Fill `found`, after its first row, with the derivatives of slopes by the state, scaled by sizes, by columns."""
-    used, turning = run.plan[0].used, run.turning
+    used = run.plan[0].used
     for column in range(used):
         for i in range(used):
             run.probe[i] = y[i]
-        run.probe[column] = y[column] + DIFFERENCE * turning[column]
+        width = size_of(run, y, column)
+        run.probe[column] = y[column] + DIFFERENCE * width
         change = run.probe[column] - y[column]
         evaluate(run, t, run.probe)
         for i in range(used):
             slope = slope_of(run, run.probe, i) - slope_of(run, y, i)
-            found[1 + i, column] = (
-                slope / change * (turning[column] / turning[i]) if change != 0.0 and turning[i] > 0.0 else 0.0
-            )
+            size = size_of(run, y, i)
+            found[1 + i, column] = slope / change * (width / size) if change != 0.0 and size > 0.0 else 0.0

@@ -12,7 +12,7 @@ from xdynamics.kernels import Layout
 from xdynamics.march.engine import engine
 from xdynamics.march.perturbation import EVALUATIONS, STATES
 from xdynamics.march.runner import March
-from xdynamics.march.timescales import put_aside, states_of
+from xdynamics.march.timescales import put_aside
 from xdynamics.march.tolerances import Tolerances
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,7 @@ def effect_of(march: March) -> Effect:
     """Follow errors of given absolute tolerances along a finished run, from its start and its middle."""
     tolerances, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
     none_loose = np.zeros(layout.used.size, bool)
-    if not march.settings.adaptive or tolerances is None or not march.witnesses.rows.shape[1]:
+    if not march.settings.adaptive or tolerances is None or not march.witnesses.steps.shape[1]:
         return Effect("", none_loose)
     factors = layout.sizes(scales)
     atols = _given(tolerances, layout) / factors
@@ -136,7 +136,7 @@ def _sizes(march: March, atols: Floats) -> Floats:
     as rounding, and grows no more than errors of its tolerance may have made it, counts as rounding throughout.
     """
     run, used, n, rates = march.run, march.layout.used.size, march.layout.coordinates.size, np.zeros((1, 1))
-    engine().fastest_rates(run, states_of(march.witnesses.rows, [0]), rates)
+    engine().fastest_rates(run, march.witnesses.states([0]), rates)
     rate = float(rates[0, 0]) if 0.0 < rates[0, 0] < np.inf else 0.0
     largest, born = run.largest.copy(), np.abs(run.y[:used])
     natural = _tops(march.layout, largest)
@@ -169,9 +169,9 @@ def _steps(march: March) -> int:
 
 def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats) -> tuple[float, float, int] | None:
     """Return the mean growth of an error over the run, the part of the run covered, and from how many rows."""
-    last = march.witnesses.rows.shape[1] - 1
+    last = march.witnesses.steps.shape[1] - 1
     chosen = [0, last // 2] if last > 1 else [0]
-    states = states_of(march.witnesses.rows, chosen)
+    states = march.witnesses.states(chosen)
     perturbations = np.zeros((1 + len(moves), 2))
     perturbations[0, 0], perturbations[1:, 0], perturbations[1:, 1] = end, moves, np.where(sizes > 0.0, sizes, np.inf)
     results = np.full((2 * len(chosen), 1 + steps), np.nan)

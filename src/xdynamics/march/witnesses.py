@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,8 @@ class Witnesses:
 
     def __init__(self, used: int, estimated: list[int]) -> None:
         self.used, self.estimated = used, estimated
+        self.elsewhere = False  # whether the record has their states, which are then not copied
+        self._record: list[Floats] = []  # the columns of it that have them
         self._most = max(FEWEST, min(MOST, NUMBERS // used))
         self._count = 0
         # each row in one piece; what is not filled takes no memory
@@ -34,7 +38,57 @@ class Witnesses:
     @property
     def rows(self) -> Floats:
         """Number of the row, time, step, state: one column for each."""
+        for k in range(self._count if self._record else 0):
+            self._state(k, self._rows[k, 3:])
         return self._rows[: self._count].T
+
+    @property
+    def steps(self) -> Floats:
+        """Number of the row, time, step: one column for each."""
+        return self._rows[: self._count, :3].T
+
+    def states(self, chosen: list[int], room: Floats | None = None) -> Floats:
+        """Return time and state of some of them, one column for each; of a single one in the room that is given."""
+        states = (
+            np.empty((1 + self.used, len(chosen))) if room is None or len(chosen) > 1 else room[: 1 + self.used, None]
+        )
+        for k, row in enumerate(chosen):
+            states[0, k] = self._rows[row, 1]
+            self._state(row, states[1:, k])
+        return states
+
+    def put_in(self, state: Floats, k: int) -> Floats:
+        """Put one of them in the state of a march, and return its time, as the entries of the engine take it."""
+        self._state(k, state)
+        return self._rows[k, 1:2, None]
+
+    def end_with(self, state: Floats) -> bool:
+        """Whether the record to which states were left ends with a state."""
+        return bool(self._record) and all(np.array_equal(part, own) for part, own in self._parts(-1, state))
+
+    def put_end_in(self, state: Floats) -> None:
+        """Put the last state of the record in that of a march."""
+        for part, own in self._parts(-1, state):
+            own[:] = part
+
+    def _parts(self, row: int, state: Floats) -> Iterator[tuple[Floats, Floats]]:
+        """Yield the columns of a row of the record, and their places in a state."""
+        first = 0
+        for column in self._record:
+            part = column[row].reshape(-1)
+            yield part, state[first : first + part.size]
+            first += part.size
+
+    def read_in(self, columns: list[Floats]) -> None:
+        """Read states, which were left to the record, in its columns of coordinates, velocities and states."""
+        self._record = columns
+
+    def _state(self, k: int, state: Floats) -> None:
+        """Copy the state of one of them."""
+        if not self._record:
+            state[: self.used] = self._rows[k, 3:]
+        for part, own in self._parts(int(self._rows[k, 0]), state):
+            own[:] = part
 
     @property
     def errors(self) -> Floats:
@@ -55,11 +109,13 @@ class Witnesses:
         first, stride = rows - block.rows, self.stride(rows)
         retained = np.flatnonzero(self._rows[: self._count, 0] % stride == 0)
         if len(retained) < self._count:
-            for kept in (self._rows, self._errors):
-                kept[: len(retained)] = kept[retained]
+            for kept in (self._rows[:, : 3 if self.elsewhere else None], self._errors):
+                for place, row in enumerate(retained.tolist()):  # one by one: together they would be copied
+                    kept[place] = kept[row]
         begin = -first % stride
         taken = block.log.rows[:, begin : block.rows : stride]
         new = slice(len(retained), len(retained) + taken.shape[1])
         self._rows[new, 0] = range(first + begin, rows, stride)
-        self._rows[new, 1:], self._errors[new] = taken[: 2 + self.used].T, taken[self.estimated].T
+        known = 2 if self.elsewhere else 2 + self.used
+        self._rows[new, 1 : 1 + known], self._errors[new] = taken[:known].T, taken[self.estimated].T
         self._count = new.stop

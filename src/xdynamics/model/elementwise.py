@@ -46,7 +46,7 @@ class Numbers:
     @property
     def si(self) -> NDArray[np.float64]:
         """All numbers in SI units, in a row."""
-        return self.numbers.ravel() if self.unit.factor == 1 else self._converted
+        return self.numbers.reshape(-1) if self.unit.factor == 1 else self._converted
 
     @cached_property
     def _converted(self) -> NDArray[np.float64]:

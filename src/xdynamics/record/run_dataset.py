@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.keywords import FULL
 from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
-from xdynamics.record.column import Column
+from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
@@ -43,14 +43,28 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
         Rows that precede those of the march, taken before its first block is requested.
     """
     spec = columns(march)
+    before = [*before]
+    march.witnesses.elsewhere = not before and _has_states(march, spec)
     gathered = _gathered(march, spec, blocks, before)
     tolerances = followed_tolerances(march)
     filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
+    if march.witnesses.elsewhere:
+        held = {variable.name: values for variable, values in filled}
+        march.witnesses.read_in([held[block.name] for block in march.layout.used.blocks])
     march.let_go()
     known = [(variable, np.asarray(value)) for variable, value in constants(march)]
     march.rest_on(next(value for variable, value in known if variable.name == END_MEMORY.name))
     filled += known
     return _assembled(filled, provenance.attributes(march))
+
+
+def _has_states(march: March, spec: Sequence[Column]) -> bool:
+    """Whether a record has every state of a march to the bit, and they are large enough not to be kept twice."""
+    if not march.settings.keeps_states or march.layout.used.size < WIDE or march.layout.is_doubled:
+        return False
+    takes = {column.variable.name: column.take for column in spec}
+    used = [takes.get(block.name) for block in march.layout.used.blocks]
+    return all(isinstance(take, LineOf) and take.factor == 1.0 for take in used)
 
 
 def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:

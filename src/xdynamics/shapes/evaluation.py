@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
@@ -19,6 +20,7 @@ from xdynamics.shapes.trees import OF_CROSS, element_numbers
 
 Array = NDArray[np.float64]
 
+PIECE = 1 << 16  # elements that are evaluated together: they stay in a cache
 _VALUE = "_value_{}"  # of a part that goes along dimensions
 
 
@@ -49,21 +51,48 @@ def evaluate_elements(
         If a name has no value.
     """
     walk = _Walk(values, shapes, beside)
-    whole = np.asarray(walk.value(node), float)
-    shape = [shapes.extent(dim).size if dim in dims else 1 for dim in walk.axes]
-    spread = np.broadcast_to(whole, shape).reshape(
-        [size for dim, size in zip(walk.axes, shape, strict=True) if dim in dims]
-    )
-    order = [dim for dim in walk.axes if dim in dims]
-    return spread.transpose([order.index(dim) for dim in dims]).copy()
+    if beside or not dims or not _by_itself(node):
+        return walk.along(node, dims).copy()
+    sizes = shapes.shape(dims)
+    count = max(1, PIECE * sizes[0] // max(1, math.prod(sizes)))
+    if count >= sizes[0]:
+        return walk.along(node, dims).copy()
+    found = np.empty(sizes)
+    for first in range(0, sizes[0], count):  # of a million elements each intermediate result would be as large
+        piece = slice(first, min(first + count, sizes[0]))
+        found[piece] = _Walk(values, shapes, beside, {dims[0]: piece}).along(node, dims)
+    return found
+
+
+def _by_itself(node: Node) -> bool:
+    """Whether each element follows from its own numbers alone."""
+    return all(part.function in ("index", "size") for part in every(node) if isinstance(part, Along))
 
 
 class _Walk:
-    """Evaluates parts as arrays with an axis for each dimension and relation, of length 1 where they do not vary."""
+    """Evaluates parts as arrays with an axis for each dimension and relation, of length 1 where they do not vary.
 
-    def __init__(self, values: Mapping[str, Any], shapes: Shapes, beside: str) -> None:
-        self.values, self.shapes, self.beside = dict(values), shapes, beside
+    Of some dimensions it may know a part of the elements.
+    """
+
+    def __init__(
+        self, values: Mapping[str, Any], shapes: Shapes, beside: str, pieces: Mapping[str, slice] | None = None
+    ) -> None:
+        self.values, self.shapes, self.beside, self.pieces = dict(values), shapes, beside, pieces or {}
         self.axes = (*shapes.relations, *shapes.extents)
+
+    def along(self, node: Node, dims: tuple[str, ...]) -> Array:
+        """Return the value of an expression along some dimensions."""
+        shape = [self._length(dim) if dim in dims else 1 for dim in self.axes]
+        spread = np.broadcast_to(np.asarray(self.value(node), float), shape).reshape(
+            [size for dim, size in zip(self.axes, shape, strict=True) if dim in dims]
+        )
+        order = [dim for dim in self.axes if dim in dims]
+        return spread.transpose([order.index(dim) for dim in dims])
+
+    def _length(self, dim: str) -> int:
+        piece = self.pieces.get(dim)
+        return self.shapes.extent(dim).size if piece is None else piece.stop - piece.start
 
     def value(self, node: Node) -> Any:
         """Return the value of an expression."""
@@ -109,8 +138,9 @@ class _Walk:
     def _placed(self, values: Any, dims: tuple[str, ...]) -> Any:
         """Return values along some dimensions with every axis."""
         order = sorted(range(len(dims)), key=lambda i: self.axes.index(dims[i]))
-        shape = [self.shapes.extent(dim).size if dim in dims else 1 for dim in self.axes]
-        return values.transpose(order).reshape(shape)
+        shape = [self._length(dim) if dim in dims else 1 for dim in self.axes]
+        known = tuple(self.pieces.get(dim, slice(None)) for dim in dims)
+        return values[known].transpose(order).reshape(shape)
 
     def _along(self, node: Along) -> Any:
         """Return the value of a function along dimensions."""
