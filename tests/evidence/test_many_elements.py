@@ -12,7 +12,8 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.documenting.plain_text import lines_of
-from xdynamics.evidence import observables
+from xdynamics.evidence import observables, observed_quantities
+from xdynamics.record.unfolding import unfold
 
 CHAIN = """
 name = "chain"
@@ -150,19 +151,92 @@ second_one = "u[2]*t/second + sum(u[1]*index(site), site)"
 )
 
 
-def test_observables_of_quantities_have_the_bits_of_their_elements(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert that values and errors of energies and observables are those of one element after the other."""
+def test_observables_of_quantities_are_those_of_their_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that values have the bits of one element after the other, and errors agree.
+
+    Slopes halfway are exact for sums of squares; where neighbours join, what is left out is k times the product of their
+    errors for each spring, k = 4 N/m.
+    """
     run = xd.simulate(xd.Model.from_text(OBSERVED.format(n=FEW)))
     finer = xd.simulate(model_of(run), step="0.03 s")
     whole = xd.compare(run, finer)
     with monkeypatch.context() as changed:
         changed.setattr(observables.ObservedQuantities, "of", lambda *_: None)
         single = xd.compare(run, finer)
+    joined = FEW * 4.0 * whole.interpolation_error_u.max().item() ** 2
     for name in ("kinetic_energy", "potential_energy", "total_energy", "span", "squares", "second_one"):
-        for kind in ("difference", "interpolation_error"):
-            key = f"{kind}_{name}"
-            assert whole[key].values.tobytes() == single[key].values.tobytes(), key
-            assert np.abs(whole[key]).max() > 0.0
+        difference, error = f"difference_{name}", f"interpolation_error_{name}"
+        assert whole[difference].values.tobytes() == single[difference].values.tobytes(), name
+        assert np.abs(whole[difference]).max() > 0.0
+        rounding = 8 * FEW * np.finfo(float).eps * np.abs(run[name]).max().item()
+        bound = rounding + (joined if name in ("potential_energy", "total_energy") else 0.0)
+        assert np.abs(whole[error] - single[error]).max().item() < bound < 0.01 * whole[error].max().item(), name
+    for error in ("interpolation_error_squares", "interpolation_error_span"):
+        assert whole[error].values.tobytes() == single[error].values.tobytes(), error
+
+
+BODIES = """
+name = "bodies"
+[dimensions]
+body = {n}
+axis = 2
+[relations.pair]
+of = "body"
+[coordinates]
+r = {{ unit = "m", dims = ["body", "axis"] }}
+[parameters]
+G = "1 N m2 kg-2"
+m = "1 kg"
+[mass]
+r = "m"
+[forces.gravity]
+over = "pair"
+potential = "-G*m*m/norm(second(r, pair) - first(r, pair), axis)"
+[forces.drag]
+r = "-0.3*v_r*kilogram/second"
+[initial]
+r = "metre*(index(body)*size(axis) + index(axis))**1.5"
+v_r = "0.2*metre/second*sin(index(body) + 2*index(axis))"
+[run]
+method = "rk4"
+step = "0.1 s"
+until = "0.4 s"
+"""
+
+
+def test_errors_of_energies_take_as_many_evaluations_for_many_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the energy of bodies is not evaluated once for each of their numbers."""
+    evaluations = []
+    original = observed_quantities.evaluate_elements
+
+    def counted(*arguments: Any) -> Any:
+        evaluations.append(1)
+        return original(*arguments)
+
+    monkeypatch.setattr(observed_quantities, "evaluate_elements", counted)
+    counts = []
+    for n in (3, 12):
+        run = xd.simulate(xd.Model.from_text(BODIES.format(n=n)))
+        evaluations.clear()
+        xd.compare(run, xd.simulate(model_of(run), step="0.05 s"), times=TIMES)
+        counts.append(len(evaluations))
+    assert counts[0] == counts[1] > 0
+
+
+@pytest.mark.parametrize("text", [BODIES.format(n=5), OBSERVED.format(n=FEW)], ids=["bodies", "chain"])
+def test_rates_of_energies_are_those_of_their_elements(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that rates of energies of whole quantities are those of the trees of all elements."""
+    model = xd.Model.from_text(text)
+    run = unfold(xd.simulate(model))
+    times, rows = run.time.values, np.arange(run.sizes["step"])
+    states = {name: run[name].values for name in model.units}
+    for name in ("kinetic_energy", "potential_energy"):
+        whole = observables.rate_on(run, model, name, states, times, rows)
+        with monkeypatch.context() as changed:
+            changed.setattr(observables.ObservedQuantities, "of", lambda *_: None)
+            single = observables.rate_on(run, model, name, states, times, rows)
+        assert np.abs(whole - single).max() < 1e-13 * np.abs(single).max()
+        assert np.abs(single).max() > 0.0
 
 
 def test_energies_are_evaluated_whole(monkeypatch: pytest.MonkeyPatch) -> None:

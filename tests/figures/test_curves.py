@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.figures.curves import _bent, _hermite, _places, drawn, energy_changes, has_chords, thinned
+from xdynamics.figures.curves import _places, drawn, energy_changes, has_chords, thinned
+from xdynamics.figures.hermite import _hermite, bent
 from xdynamics.figures.plane import views
 
 Floats = Any
@@ -78,12 +79,12 @@ def test_parts_polynomials_have_values_and_slopes_of_both_ends() -> None:
     )
     run["s"], run["rate_s"] = ("step", time**3), ("step", 3.0 * time**2)
     times, rows = np.array([0.2, 1.0, 2.4]), np.array([0, 1, 1])
-    assert _bent(run, "x", times, rows) == pytest.approx(flight(times), rel=1e-12)
-    assert _bent(run, "s", times, rows) == pytest.approx(times**3, rel=1e-12)
+    assert bent(run, "x", times, rows) == pytest.approx(flight(times), rel=1e-12)
+    assert bent(run, "s", times, rows) == pytest.approx(times**3, rel=1e-12)
     speeds = np.polynomial.Polynomial([1.0, -2.0, 3.0, 0.5])
     moved = run.assign(v_x=("step", speeds(time)), a_x=("step", speeds.deriv()(time)))
-    assert _bent(moved, "v_x", times, rows) == pytest.approx(speeds(times), rel=1e-12)
-    assert _bent(run.drop_vars("a_x"), "x", times, rows) is None
+    assert bent(moved, "v_x", times, rows) == pytest.approx(speeds(times), rel=1e-12)
+    assert bent(run.drop_vars("a_x"), "x", times, rows) is None
 
 
 def test_parts_points_are_dealt_out_by_rows_and_by_time() -> None:

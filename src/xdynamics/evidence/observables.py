@@ -111,6 +111,37 @@ def tree_of(model: Model, name: str) -> Node:
     return layout_of(model).derived.get(name, Name(name))
 
 
+def evaluated_whole(
+    run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
+) -> Floats:
+    """Evaluate one recorded quantity at states inside steps, in SI units; see `evaluated_on`.
+
+    What a model with dimensions sums over many elements is evaluated as arrays.
+    """
+    whole = _whole(run, model, name, times, rows)
+    if whole is not None:
+        values: Floats = whole.of_states(states)[0]
+        return values
+    return evaluated_on(run, model, [tree_of(model, name)], states, times, rows)[0]
+
+
+def rate_on(
+    run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
+) -> Floats:
+    """Evaluate the rate of one recorded quantity along the motion, in SI units; see `evaluated_whole`."""
+    whole = _whole(run, model, name, times, rows)
+    rates = None if whole is None else whole.rates(states)
+    if rates is not None:
+        along: Floats = rates[0]
+        return along
+    return evaluated_on(run, model, [model.rate_of(tree_of(model, name))], states, times, rows)[0]
+
+
+def _whole(run: xr.Dataset, model: Model, name: str, times: Floats, rows: Rows) -> ObservedQuantities | None:
+    regimes = run.variables["regime"].values[rows].astype(float) if "regime" in run.variables else np.zeros(rows.size)
+    return ObservedQuantities.of(model, [name], times, regimes, kept_set(run.attrs.get("math_functions")))
+
+
 @lru_cache(maxsize=512)
 def rate_tree(model: Model, name: str) -> Node | None:
     """Return the time derivative of a recorded variable along the motion; None if contacts, Python or delays affect it."""

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Node, free_names
+from xdynamics.expressions import Compare, Name, Node, free_names
+from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions.tree import every
+from xdynamics.faults import InputError
+from xdynamics.kernels.jacobian_pattern import column_groups
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
 from xdynamics.model.reactions import reactions
-from xdynamics.model.whole import has_wholes
+from xdynamics.model.whole import has_wholes, motion_of_wholes
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import AT
+from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.blocks import Block, Blocks
+from xdynamics.shapes.dependence import Dependence
 from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes.gradient import derivative, gradient
 from xdynamics.shapes.naming import parted
 
 Floats = NDArray[np.float64]
+
+LARGEST = 200_000  # numbers of an array, of all states that are evaluated at once
+KINKED = frozenset(("abs", "sign", "min", "max", "where", "floor", "ceil", "round", "mod"))
 
 
 @dataclass(frozen=True)
@@ -60,22 +71,22 @@ class ObservedQuantities:
         wholes = layout_of(model).wholes
         if not all(parted(name)[0] in wholes for name in names):
             return None
-        given: dict[str, Floats | float] = {"t": times, REGIME_NUMBER: regimes}
-        states = {block.name for block in layout_of(model).used.blocks}
-        for name in set().union(*(free_names(wholes[parted(name)[0]][1]) for name in names)) - states - given.keys():
-            if dims := model.shapes.dims.get(name):
-                block = Block.of(name, "parameter", model.shapes)
-                if block.first not in model.parameters:
-                    return None
-                given[name] = in_si(model.parameters, Blocks([block])).reshape(model.shapes.shape(dims))
-            elif name not in constants(model):
-                return None
-            else:
-                given[name] = constants(model)[name]
-        return cls(model, names, given, len(times))
+        trees = [wholes[whole][1] for whole in dict.fromkeys(parted(name)[0] for name in names)]
+        given = given_to(model, trees)
+        return None if given is None else cls(model, names, {**given, "t": times, REGIME_NUMBER: regimes}, len(times))
+
+    def of_states(self, states: Mapping[str, Floats]) -> Floats:
+        """Evaluate the elements at states in recorded units: shape (names, k), SI."""
+        return np.concatenate(
+            [here.chosen(here.evaluated(self._wholes, here.gathered(states, part))) for part, here in self._parts()],
+            axis=1,
+        )
 
     def with_errors(self, states: Mapping[str, Floats], errors: Mapping[str, Floats]) -> tuple[Floats, Floats]:
-        """Evaluate the elements, and how much the errors of the state move them, one after the other.
+        """Evaluate the elements, and how much the error of each number of the state moves them, added up.
+
+        Of a quantity without dimensions that is its slope halfway times the error: it reads all numbers, each of which would
+        be an evaluation of its own. Of others, numbers on which no two of its elements depend together are moved at once.
 
         Parameters
         ----------
@@ -86,18 +97,81 @@ class ObservedQuantities:
         -------
         values, errors : ndarray, shape (names, k), SI
         """
-        blocks = layout_of(self.model).used.blocks
-        at, moved = ({block.name: self._gathered(block, numbers) for block in blocks} for numbers in (states, errors))
-        values = self._evaluated(self._wholes, at)
-        found, total = self._chosen(values), np.zeros((len(self.names), self.count))
-        for block in blocks:
-            read = {name: tree for name, tree in self._wholes.items() if block.name in free_names(tree)}
-            places = np.flatnonzero(moved[block.name].reshape(-1, self.count).any(axis=1))
-            for place in places.tolist():
-                near = at[block.name].copy()
-                near.reshape(-1, self.count)[place] += moved[block.name].reshape(-1, self.count)[place]
-                total += np.abs(self._chosen(values | self._evaluated(read, at | {block.name: near})) - found)
-        return found, total
+        found = [
+            here.moved_by(here.gathered(states, part), here.gathered(errors, part)) for part, here in self._parts()
+        ]
+        values, moved = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
+        return values, moved
+
+    def rates(self, states: Mapping[str, Floats]) -> Floats | None:
+        """Evaluate the rates of the elements along the motion at states in recorded units: shape (names, k), SI.
+
+        None where forces read what is not known of the state alone.
+        """
+        if self.model.python_functions:
+            return None
+        motion = motion_of_wholes(self.model)
+        given = given_to(self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion])
+        if given is None:
+            return None
+        found = []
+        for part, here in self._parts():
+            values = {**given, **here.values_in_si(here.gathered(states, part))}
+            shapes = replace(
+                here.all_shapes, dims={**here.all_shapes.dims, **{one: (*dims, AT) for one, dims, _ in motion}}
+            )
+            for name, dims, tree in motion:
+                values[name] = evaluate_elements(tree, (*dims, AT), values, shapes, AT)
+            trees = {name: rate_of(self.model, name) for name in self._wholes}
+            own = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
+            rates = {name: evaluate_elements(tree, own[name], values, shapes, AT) for name, tree in trees.items()}
+            found.append(here.chosen({name: numbers.reshape(-1, here.count) for name, numbers in rates.items()}))
+        return np.concatenate(found, axis=1)
+
+    def _parts(self) -> Iterator[tuple[slice, ObservedQuantities]]:
+        """Yield some states after the other, whose links and elements take some megabytes."""
+        most = max(1, LARGEST // widest(self.model))
+        for begin in range(0, max(1, self.count), most):
+            part = slice(begin, min(begin + most, self.count))
+            along = {name: np.asarray(self.values[name])[part] for name in ("t", REGIME_NUMBER)}
+            yield part, replace(self, values={**self.values, **along}, count=part.stop - part.start)
+
+    def moved_by(self, at: dict[str, Floats], off: dict[str, Floats]) -> tuple[Floats, Floats]:
+        """Evaluate the elements at the states of this part, and how far their errors move them, by blocks."""
+        values = self.evaluated(self._wholes, at)
+        errors = {name: np.zeros(found.shape) for name, found in values.items()}
+        for block in layout_of(self.model).used.blocks:
+            for name, tree in self._wholes.items():
+                if block.name not in free_names(tree) or not off[block.name].any():
+                    continue
+                if self.model.shapes.dims.get(name) or (slope := slope_of(self.model, name, block.name)) is None:
+                    self._add_groups(errors[name], name, block, at, off[block.name], values[name])
+                else:
+                    errors[name] += self._along_slope(slope, block, at, off[block.name])
+        return self.chosen(values), self.chosen(errors)
+
+    def _along_slope(self, slope: Node, block: Block, at: dict[str, Floats], off: Floats) -> Floats:
+        """Return how far the errors of a block move a quantity without dimensions, by its slope by the block."""
+        halfway = self.values_in_si(at | {block.name: at[block.name] + off / 2.0})
+        slopes = evaluate_elements(slope, (*block.dims, AT), halfway, self.all_shapes, AT)
+        moved: Floats = np.abs(slopes * (off * self._factor(block))).reshape(-1, self.count).sum(axis=0)
+        return moved
+
+    def _add_groups(
+        self, total: Floats, name: str, block: Block, at: dict[str, Floats], off: Floats, values: Floats
+    ) -> None:
+        """Add how far the errors of a block move a quantity, many of its numbers at once."""
+        tree, shapes = self._wholes[name], self.model.shapes
+        rows, numbers = Dependence(shapes, {block.name: 0}, block.size).pairs(tree, shapes.dims.get(name, ()))
+        if not rows.size:
+            return
+        groups = column_groups(rows, numbers)
+        for group in range(int(groups.max()) + 1):
+            inside = groups == group
+            near, places = at[block.name].copy(), np.unique(numbers[inside])
+            near.reshape(-1, self.count)[places] += off.reshape(-1, self.count)[places]
+            moved = self.evaluated({name: tree}, at | {block.name: near})[name]
+            total[rows[inside]] += np.abs(moved - values)[rows[inside]]
 
     @cached_property
     def _wholes(self) -> dict[str, Node]:
@@ -105,23 +179,34 @@ class ObservedQuantities:
         return {name: wholes[name][1] for name in dict.fromkeys(parted(name)[0] for name in self.names)}
 
     @cached_property
-    def _shapes(self) -> Shapes:
+    def all_shapes(self) -> Shapes:
         """The shapes of the model, with the states as one more dimension."""
         shapes, used = self.model.shapes, layout_of(self.model).used.blocks
         along = {block.name: (*block.dims, AT) for block in used} | dict.fromkeys(("t", REGIME_NUMBER), (AT,))
         extents = {**shapes.extents, AT: Extent(AT, self.count)}
         return replace(shapes, extents=extents, dims={**shapes.dims, **along})
 
-    def _gathered(self, block: Block, numbers: Mapping[str, Floats]) -> Floats:
-        rows = np.stack([numbers[name] for name in (block.elements() if block.dims else (block.name,))])
-        return rows.reshape(*block.shape, self.count)
+    def gathered(self, numbers: Mapping[str, Floats], part: slice) -> dict[str, Floats]:
+        """Return some states, in recorded units, by the names of quantities."""
+        found = {}
+        for block in layout_of(self.model).used.blocks:
+            rows = np.stack([numbers[name][part] for name in (block.elements() if block.dims else (block.name,))])
+            found[block.name] = rows.reshape(*block.shape, self.count)
+        return found
 
-    def _evaluated(self, trees: Mapping[str, Node], states: Mapping[str, Floats]) -> dict[str, Floats]:
+    def _factor(self, block: Block) -> float:
+        return float(self.model.units[block.first].factor)
+
+    def values_in_si(self, states: Mapping[str, Floats]) -> dict[str, Floats | float]:
+        """Return what expressions read, in SI units, of states in recorded ones."""
+        blocks = layout_of(self.model).used.blocks
+        return {**self.values, **{block.name: states[block.name] * self._factor(block) for block in blocks}}
+
+    def evaluated(self, trees: Mapping[str, Node], states: Mapping[str, Floats]) -> dict[str, Floats]:
         """Evaluate quantities, in SI units, of states in recorded ones."""
-        units, used = self.model.units, layout_of(self.model).used.blocks
-        values = {**self.values, **{b.name: states[b.name] * float(units[b.first].factor) for b in used}}
+        values = self.values_in_si(states)
         dims = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
-        found = {name: evaluate_elements(tree, dims[name], values, self._shapes, AT) for name, tree in trees.items()}
+        found = {name: evaluate_elements(tree, dims[name], values, self.all_shapes, AT) for name, tree in trees.items()}
         return {name: numbers.reshape(-1, self.count) for name, numbers in found.items()}
 
     @cached_property
@@ -131,5 +216,66 @@ class ObservedQuantities:
         blocks = [computed.block(name) for name in self.names]
         return [(block.name, block.number(name) or 0) for block, name in zip(blocks, self.names, strict=True)]
 
-    def _chosen(self, values: Mapping[str, Floats]) -> Floats:
+    def chosen(self, values: Mapping[str, Floats]) -> Floats:
+        """Return the elements that were asked for, of whole quantities: shape (names, k)."""
         return np.stack([values[name][number] for name, number in self._places])
+
+
+def widest(model: Model) -> int:
+    """Count the numbers of the largest array that energies of a model are made of: of all links, or of all elements."""
+    extents = model.shapes.extents
+    of_links = (
+        relation.size * prod(extents[dim].size for dim in {*extents} - {relation.source, relation.target})
+        for relation in model.shapes.relations.values()
+    )
+    return max(1, *of_links, *(block.size for block in layout_of(model).used.blocks))
+
+
+def given_to(model: Model, trees: Iterable[Node], known: Iterable[str] = ()) -> dict[str, Floats | float] | None:
+    """Return the parameters and constants that expressions read, in SI units.
+
+    None where they read what is neither that, nor of the state, nor known otherwise.
+    """
+    given: dict[str, Floats | float] = {}
+    states = {block.name for block in layout_of(model).used.blocks}
+    for name in set().union(*map(free_names, trees)) - states - {"t", REGIME_NUMBER, *known}:
+        if dims := model.shapes.dims.get(name):
+            block = Block.of(name, "parameter", model.shapes)
+            if block.first not in model.parameters:
+                return None
+            given[name] = in_si(model.parameters, Blocks([block])).reshape(model.shapes.shape(dims))
+        elif name not in constants(model):
+            return None
+        else:
+            given[name] = constants(model)[name]
+    return given
+
+
+@lru_cache(maxsize=64)
+def slope_of(model: Model, name: str, by: str) -> Node | None:
+    """Return the derivative of a quantity without dimensions by a block of the state.
+
+    None where no rule gives it, or errors may take it over a kink: where two elements are largest, either moves `max`.
+    """
+    tree = layout_of(model).wholes[name][1]
+    if any(isinstance(node, Compare) or getattr(node, "function", "") in KINKED for node in every(tree)):
+        return None
+    try:
+        return gradient(tree, {by}, model.shapes).get(by, ZERO)
+    except InputError:
+        return None
+
+
+@lru_cache(maxsize=64)
+def rate_of(model: Model, name: str) -> Node:
+    """Return the derivative of a quantity by the time along the motion, with accelerations and rates as names."""
+    rates: dict[str, Node] = {"t": ONE}
+    for coordinate in model.shaped.coordinates:
+        speed = velocity(coordinate)
+        rates |= {coordinate: Name(speed), speed: Name(acceleration(coordinate))}
+    rates |= {state: Name(rate(state)) for state in model.shaped.states}
+    tree = layout_of(model).wholes[name][1]
+    shapes = replace(
+        model.shapes, dims={**model.shapes.dims, **{one: dims for one, dims, _ in motion_of_wholes(model)}}
+    )
+    return derivative(tree, rates, shapes)

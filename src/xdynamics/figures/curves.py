@@ -13,12 +13,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of, sampled, slack
-from xdynamics.evidence.observables import evaluated_on, tree_of
+from xdynamics.evidence.observables import evaluated_whole, rate_on
+from xdynamics.evidence.observed_quantities import widest
 from xdynamics.faults import InputError
+from xdynamics.figures.hermite import bent
 from xdynamics.figures.roles import with_role
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.schema import HELD, STEPS, acceleration, rate, velocity
+from xdynamics.schema import HELD, STEPS
 from xdynamics.units import parse_unit
 
 DRAWN = 4000  # points of a line; what is longer is thinned
@@ -26,6 +28,7 @@ GOLDEN = 0.6180339887498949
 LEAP = 0.05  # of the ranges in a plane, between neighbours of a line of which rows are left out
 DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5, "linestyle": "none"}  # of rows that no line joins
 MOST_BETWEEN = 40  # points inside each step, however long it is
+WORK = 200_000_000  # numbers that an energy is made of at all points together
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
@@ -56,6 +59,7 @@ class Inner:
     rows: Rows
     states: Mapping[str, Floats]
     again: bool
+    computed: dict[str, Floats | None] = field(default_factory=dict)  # from the states, as far as they were asked for
 
 
 def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None) -> Rows:
@@ -160,7 +164,9 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
         return None
     values = inner.states.get(name)
     if values is None:
-        values = _evaluated(run, name, inner)
+        if name not in inner.computed:
+            inner.computed[name] = _evaluated(run, name, inner)
+        values = inner.computed[name]
     if values is None:
         return None
     order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
@@ -207,7 +213,7 @@ def _inner_points(run: xr.Dataset) -> Inner | None:
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
     state_names = with_role(run, *STATES)
-    interpolated = {name: _bent(run, name, times, rows) for name in state_names if run.variables[name].dims == (STEPS,)}
+    interpolated = {name: bent(run, name, times, rows) for name in state_names if run.variables[name].dims == (STEPS,)}
     available = {name: values for name, values in interpolated.items() if values is not None}
     return Inner(times, rows, available, again=False) if available else None
 
@@ -218,13 +224,20 @@ def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
     h, span = np.diff(time), float(time[-1] - time[0])
     if not span > 0.0:
         return np.zeros(0), np.zeros(0, np.int64)
-    fewest = min(DRAWN // 2 // n, MOST_BETWEEN)
-    counts = np.where((h > 0.0) & follows(run), np.maximum(fewest, h / span * (DRAWN // 2)), 0.0).astype(np.int64)
+    points = min(DRAWN // 2, max(n, WORK // _width(run)))
+    fewest = min(points // n, MOST_BETWEEN)
+    counts = np.where((h > 0.0) & follows(run), np.maximum(fewest, h / span * points), 0.0).astype(np.int64)
     rows = np.repeat(np.arange(n - 1), counts)
     place = np.arange(rows.size) - (np.cumsum(counts) - counts)[rows] + 1
     times = time[rows] + h[rows] * (place / (counts[rows] + 1))
     inside = (times > time[rows]) & (times < time[rows + 1])  # a step of a few spacings of t has no room
     return times[inside], rows[inside]
+
+
+def _width(run: xr.Dataset) -> int:
+    """Count the numbers that an energy is made of at each state: of all links, where bodies attract each other."""
+    model = _model(run)
+    return 1 if model is None or not model.shapes.dims else widest(model)
 
 
 def _is_torn(run: xr.Dataset) -> bool:
@@ -275,14 +288,14 @@ def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
     if model is None or attributes.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
         return None
     try:
-        tree, units = tree_of(model, name), float(parse_unit(str(attributes["units"])).factor)
+        units = float(parse_unit(str(attributes["units"])).factor)
     except InputError:  # a variable with an unreadable unit is drawn as recorded
         return None
     starts = np.unique(inner.rows)
     recorded, states = columns[name].values[starts], {state: columns[state].values[starts] for state in model.units}
     try:
-        evaluated = evaluated_on(run, model, [tree], states, columns["time"].values[starts], starts)[0] / units
-        values = evaluated_on(run, model, [tree], inner.states, inner.times, inner.rows)[0] / units
+        evaluated = evaluated_whole(run, model, name, states, columns["time"].values[starts], starts) / units
+        values = evaluated_whole(run, model, name, inner.states, inner.times, inner.rows) / units
     except (InputError, KeyError):
         return None
     # rows where something jumps have the value of either side: if most rows disagree, something else was recorded
@@ -344,8 +357,7 @@ class Accumulated:
             for state in model.units
         }
         try:
-            tree = model.rate_of(tree_of(model, "total_energy"))
-            rates = evaluated_on(run, model, [tree], states, times, all_rows)[0]
+            rates = rate_on(run, model, "total_energy", states, times, all_rows)
         except (InputError, KeyError):
             return False
         rates = rates / float(parse_unit(str(run.variables["total_energy"].attrs["units"])).factor)
@@ -356,44 +368,3 @@ class Accumulated:
         self.least, self.greatest = np.minimum(self.least, causes.min(1)), np.maximum(self.greatest, causes.max(1))
         self.last = float(work[-1]), float(jumps[-1])
         return True
-
-
-def _bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:
-    """Return a state on Hermite polynomials: a coordinate from its velocity and acceleration, a velocity from its acceleration."""
-    owner = name.removeprefix(velocity(""))
-    chain = (name, rate(name)) if rate(name) in run.variables else (name, velocity(name), acceleration(name))
-    if name == velocity(owner) and owner in run.variables:
-        chain = (name, acceleration(owner))
-    if not {*chain} <= set(run.variables):
-        return None
-    time, values = (
-        run.variables["time"].values,
-        [run.variables[derivative].values for derivative in chain],
-    )  # rates are in their owner's unit per second
-    h = (time[rows + 1] - time[rows]).astype(float)
-    return _hermite(
-        [derivative[rows] for derivative in values],
-        [derivative[rows + 1] for derivative in values],
-        h,
-        (times - time[rows]) / h,
-    )
-
-
-def _hermite(start: list[Floats], end: list[Floats], w: Floats, u: Floats) -> Floats:
-    """Return the Hermite polynomial through values and derivatives at both ends of steps of size w, at fractions u of them.
-
-    Quintic with two derivatives, cubic with one (Hairer, Norsett, Wanner, Solving ODEs I, section II.6).
-    """
-    a, b, p, q = start[0], end[0], w * start[1], w * end[1]
-    if len(start) == 2:
-        return a + u * p + u**2 * (3 * (b - a) - 2 * p - q) + u**3 * (2 * (a - b) + p + q)
-    k, m = w**2 * start[2], w**2 * end[2]
-    rest, slope, bend = b - a - p - k / 2, q - p - k, m - k
-    return (
-        a
-        + u * p
-        + u**2 * k / 2
-        + u**3 * (10 * rest - 4 * slope + bend / 2)
-        + u**4 * (-15 * rest + 7 * slope - bend)
-        + u**5 * (6 * rest - 3 * slope + bend / 2)
-    )

@@ -94,7 +94,7 @@ def pattern_of(layout: Layout) -> Pattern:
     n = layout.coordinates.size
     unknown = np.where(every_column < n, every_column, every_column - n)  # q is eliminated by v
     band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving(layout.model)], every_row, unknown)
-    group = _grouped(every_row, 2 * band.order[unknown] + (every_column >= n))
+    group = column_groups(every_row, 2 * band.order[unknown] + (every_column >= n))
     order = np.argsort((group * used.size + every_column) * band.order.size + every_row, kind="stable")
     sizes = np.bincount(group)
     narrow = band if band.height < band.order.size else None
@@ -109,7 +109,7 @@ def moving(model: Model) -> list[str]:
 # ---------------------------------------------------------------------------------------------------------------- groups
 
 
-def _grouped(rows: Whole, places: Whole) -> Whole:
+def column_groups(rows: Whole, places: Whole) -> Whole:
     """Return for every entry the group of its column, which has a place; columns of a group share no row."""
     present = np.flatnonzero(np.bincount(places))
     ranks = np.searchsorted(present, places)

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, chain
+from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import every
 from xdynamics.shapes.extents import Shapes
 from xdynamics.shapes.numbers_of_elements import taken_numbers
-from xdynamics.shapes.trees import OF_CROSS, element_numbers
+from xdynamics.shapes.trees import OF_CROSS, element_numbers, end_of
 
 Array = NDArray[np.float64]
 
@@ -162,6 +163,8 @@ class _Walk:
                     return moved
                 origin = self._placed(np.arange(extent.size) - node.places, (dim,))
                 return np.where((origin >= 0) & (origin < extent.size), moved, self.value(node.arguments[1]))
+            case "onto":
+                return self._onto(node, axis)
             case "take":
                 return self._taken(node, axis)
             case "cross":
@@ -171,6 +174,19 @@ class _Walk:
                     b, next_, axis
                 )
         return self._reduced(node)
+
+    def _onto(self, node: Along, axis: int) -> Any:
+        """Add what links give to the elements at their ends: of all links at their first ends, then at their second."""
+        relation, dim = self.shapes.relations[node.dims[0]], end_of(node, self.shapes)
+        end = self.axes.index(dim)
+        total: Any = 0.0
+        for argument, places in zip(node.arguments, (relation.first, relation.second), strict=True):
+            if argument != ZERO:
+                rows = np.moveaxis(self._full(argument, node.dims).swapaxes(axis, end), end, 0)
+                given = np.zeros((self.shapes.extent(dim).size, *rows.shape[1:]))
+                np.add.at(given, places, rows)
+                total = total + np.moveaxis(given, 0, end)
+        return total
 
     def _taken(self, node: Along, axis: int) -> Any:
         """Return the elements whose numbers are given, wherever they vary."""
