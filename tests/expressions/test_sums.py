@@ -193,7 +193,7 @@ def test_precedence_is_that_of_python(text: str) -> None:
         ("x + * y", r"at column 5: '\*' is out of place"),
         ("2x", "at column 1: no word, number or sign"),
         ("1 < x < 2", "a comparison has two sides"),
-        ("sin(x > 1)", "no part of the language"),
+        ("sin(x > 1)", "a comparison stands in 'where' alone"),
         ("x if y", "'if' has no operator before it"),
         ("max(1, x", r"'\)' is missing"),
     ],

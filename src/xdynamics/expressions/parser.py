@@ -234,7 +234,7 @@ class _Reader:
         if len(token.text) > LONGEST_WORD:
             raise self._fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
         if keyword.iskeyword(token.text):
-            raise self._fault(token.column, "there is something that is no part of the language")
+            raise self._fault(token.column, f"'{token.text}' is a word of Python and no part of the language")
         if self.next.text == "[":
             return Element(token.text, self._entries(), token.column)
         if self.next.text != "(":
@@ -340,7 +340,7 @@ class _Reader:
     def _expression(self, node: Node) -> Node:
         """Refuse a comparison where a number is needed."""
         if isinstance(node, Compare):
-            raise self._fault(node.column, "there is something that is no part of the language")
+            raise self._fault(node.column, "a comparison stands in 'where' alone, like where(y > 0*metre, a, b)")
         if isinstance(node, Call) and node.function == LIST:
             raise self._fault(node.column, f"a list in brackets stands in {', '.join(self.own)} alone")
         return node
