@@ -152,7 +152,7 @@ def test_dimension(text: str, unit: str) -> None:
     [
         ("y + v_y", r"'\+' joins 'y' in 'm' with 'v_y' in 'm s-1' \(column 5\)"),
         ("sin(y)", "'sin' needs a pure number, got 'y' in 'm'"),
-        ("y > 0", "no part"),
+        ("y > 0", "stands in 'where' alone"),
         ("where(y > 1, y, y)", "'>' joins 'y' in 'm' with '1' in '1'"),
         ("v_z*t", "'v_z' .column 1. is not declared; did you mean 'v_y'"),
         ("hypot(y, t)", "'hypot' joins"),
