@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from cases.problems import MODELS
 from xdynamics.kernels.law import law_of
 from xdynamics.march.configuration import settings_for
 
@@ -88,3 +89,13 @@ def test_an_energy_that_is_not_finite_ends_a_march_that_records_it(log: str | li
     states = xd.simulate(model, **ASKED, log="states")
     assert states.attrs["run_outcome"] == "completed"
     np.testing.assert_allclose(states["x"][-1], 4.5e54, rtol=1e-12)
+
+
+def test_impacts_of_many_bodies_are_judged_by_energies_that_are_not_recorded() -> None:
+    """Assert a run of states alone that has the impacts of the whole log, which are judged by kinetic energies."""
+    model = xd.Model.from_toml(MODELS / "granular_box.toml")
+    asked = {"method": "velocity_verlet", "step": "1 ms", "until": "0.2 s"}
+    whole, states = (xd.simulate(model, **asked, log=log) for log in ("full", "states"))
+    assert states.attrs["run_outcome"] == whole.attrs["run_outcome"] == "completed"
+    assert states.sizes["event"] == whole.sizes["event"] > 0
+    assert states["r"].values.tobytes() == whole["r"].values.tobytes()

@@ -334,9 +334,8 @@ def law_of(layout: Layout, *, sampled: bool, energies: bool = True, read: bool =
 
     Its layout is that of the first such model: names and places hold for all of them, numbers do not.
     """
-    energies = (
-        energies or bool(layout.model.contacts) or not model_programs.has_loops(layout.model) or layout.is_doubled
-    )
+    is_judged = bool(layout.model.contacts or layout.model.assemblies)
+    energies = energies or is_judged or not model_programs.has_loops(layout.model) or layout.is_doubled
     if layout.model.python_functions:
         return Law(layout, sampled, energies)
     return _law_of_form(_Form((layout.model.form, layout.scheme, sampled, energies, read), layout))
