@@ -184,10 +184,7 @@ def merged(faults: Iterable[str]) -> list[str]:
     for fault in faults:
         inside = written(fault)
         alike.setdefault(_NUMBER.sub("", _ELEMENT.sub(r"\1", inside)) if DOT in inside else fault, []).append(fault)
-    return [
-        first + (f"; likewise {len(others)} more element{'s' if others[1:] else ''}" if others else "")
-        for first, *others in alike.values()
-    ]
+    return [first + (f"; likewise for {len(others)} more" if others else "") for first, *others in alike.values()]
 
 
 class Ledger:

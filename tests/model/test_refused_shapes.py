@@ -135,7 +135,7 @@ def test_a_table_of_many_columns_is_split_once(monkeypatch: pytest.MonkeyPatch) 
         ),
         (
             {"contacts": {"floor": {"gap": "u - 1*metre*(1 + index(bead))", "restitution": 1}}},
-            r"'chain': contact 'floor\[a\]': gap is -1 .* not negative; likewise 2 more elements$",
+            r"'chain': contact 'floor\[a\]': gap is -1 .* not negative; likewise for 2 more$",
         ),
     ],
 )
