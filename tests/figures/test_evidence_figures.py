@@ -234,3 +234,42 @@ def test_a_run_is_drawn_inside_its_tube(tmp_path: Path) -> None:
     assert (tmp_path / "tube.png").stat().st_size > 10_000
     with pytest.raises(xd.InputError, match="what is drawn inside proven bounds is a run"):
         xd.plot(tube, beside=tube)
+
+
+CHAIN = """
+name = "chain"
+[dimensions]
+site = 8
+[coordinates]
+u = { unit = "m", dims = ["site"] }
+[parameters]
+k = "4 N m-1"
+[mass]
+u = "1*kilogram"
+[forces.springs]
+u = "k*(shift(u, site, 1, 0*metre) + shift(u, site, -1, 0*metre) - 2*u)"
+[initial]
+u = "0.1*metre*sin(3*pi*(index(site) + 1)/(size(site) + 1))"
+[run]
+method = "velocity_verlet"
+step = "0.1 s"
+until = "4 s"
+"""
+
+
+def test_a_comparison_draws_the_elements_that_part_farthest() -> None:
+    """Assert that lines are those of the largest differences, with a unit, and that each panel names its element."""
+    chain = xd.Model.from_text(CHAIN)
+    table = xd.compare(xd.simulate(chain), xd.simulate(chain, step="50 ms"))
+    largest = np.abs(table["difference_u"]).max("at").values
+    order = [f"u[{number}]" for number in np.argsort(-largest, kind="stable")]
+    drawn = panels(xd.plot(table))
+    distance, *apart = drawn.values()
+    assert [text.get_text() for text in distance.get_legend().get_texts()] == order[:6] != sorted(order[:6])
+    assert distance.get_ylabel() == "|difference of u| (m)"
+    assert "the farthest 6 of 8" in distance.get_title(loc="left")
+    assert np.nanmax(distance.lines[0].get_ydata()) == largest.max()
+    titles = [axes.get_title(loc="left") for axes in apart]
+    assert len({*titles}) == 3
+    assert titles[0].startswith(f"{order[0]}, second run minus first")
+    assert titles[1].startswith("v_u[")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
+from xdynamics.shapes import parted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +27,8 @@ FEW = 100  # points up to which each is a dot
 
 def panels_of(comparison: xr.Dataset) -> list[Panel]:
     """Return the panels of the differences; for measured data each follows the panel of its measurements.
+
+    Of quantities with dimensions the elements that part farthest come first, those of each quantity in turn.
 
     Raises
     ------
@@ -42,9 +46,25 @@ def panels_of(comparison: xr.Dataset) -> list[Panel]:
     apart: list[Panel] = [partial(_apart, comparison, name) for name in names]
     if beside:  # measurements are drawn left of their residuals
         return [item for pair in zip(beside, apart, strict=True) for item in pair]
+    farthest = _farthest_first(comparison, names)
+    leading = [name for name in farthest[0] if len(farthest[0]) > 1] or names
+    if len(farthest) < len(names):
+        apart = [
+            partial(_apart, comparison, name) for turn in zip_longest(*farthest) for name in turn if name is not None
+        ]
     if not any((np.abs(comparison[f"difference_{name}"]) > 0.0).any() for name in names):
         return apart[: MOST_APART + 1]
-    return [partial(_distance, comparison, names), *apart[:MOST_APART]]
+    return [partial(_distance, comparison, leading), *apart[:MOST_APART]]
+
+
+def _farthest_first(comparison: xr.Dataset, names: list[str]) -> list[list[str]]:
+    """Group elements by their quantity, those whose differences are largest first; quantities that do not differ come last."""
+    largest = {name: float(np.nanmax(np.abs(comparison[f"difference_{name}"].values), initial=0.0)) for name in names}
+    groups = dict[str, list[str]]()
+    for name in sorted(names, key=lambda name: -largest[name]):
+        groups.setdefault(parted(name)[0], []).append(name)
+    order = [*dict.fromkeys(parted(name)[0] for name in names)]
+    return [groups[whole] for whole in sorted(order, key=lambda whole: largest[groups[whole][0]] == 0.0)]
 
 
 def foot_of(comparison: xr.Dataset) -> str:
@@ -97,20 +117,21 @@ def _distance(comparison: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw how far two runs are apart on a logarithmic scale, where exponential growth is a straight line."""
     order = np.argsort(comparison[AT_TIME].values, kind="stable")
     time = comparison[AT_TIME].values[order]
-    chosen, most = names[:MOST_LINES], 0.0
+    chosen = names[:MOST_LINES]
+    wholes = {parted(name)[0] for name in names}
+    units = str(comparison[f"difference_{names[0]}"].attrs["units"])
+    is_one = len(wholes) == 1 < len(names)  # the elements of one quantity, in its unit
     for k, name in enumerate(chosen):
         apart = np.abs(comparison[f"difference_{name}"].values[order])
         apart[apart == 0.0] = np.nan
-        most = max(most, float(np.nanmax(apart, initial=0.0)))
         rows = thinned(apart)
-        units = comparison[f"difference_{name}"].attrs["units"]
-        axes.plot(
-            time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(in_unit(name, units))
-        )
+        label = name if is_one else in_unit(name, str(comparison[f"difference_{name}"].attrs["units"]))
+        axes.plot(time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(label))
     axes.set_yscale("log")
     label_time(axes, comparison[AT_TIME])
-    axes.set(ylabel="|difference|")
-    left_out = f", {len(chosen)} of {len(names)}" if len(chosen) < len(names) else ""
+    axes.set(ylabel=words(f"|difference of {wholes.pop()}| ({units})") if is_one else "|difference|")
+    the = "the farthest " if is_one else ""
+    left_out = f", {the}{len(chosen)} of {len(names)}" if len(chosen) < len(names) else ""
     axes.set_title(f"distance of the runs{left_out}", loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
@@ -130,7 +151,11 @@ def _apart(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     axes.set(ylabel=words(f"difference ({comparison[f'difference_{name}'].attrs['units']})"))
     scale = comparison.get(schema.scale("difference", name))
     suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
-    axes.set_title(words(f"{comparison[f'difference_{name}'].attrs['long_name']}{suffix}"), loc="left", fontsize=10)
+    whole, labels = parted(name)
+    title = str(comparison[f"difference_{name}"].attrs["long_name"])
+    if labels and title.startswith(f"{whole},"):
+        title = f"{name}{title.removeprefix(whole)}"
+    axes.set_title(words(f"{title}{suffix}"), loc="left", fontsize=10)
 
 
 PAGE = Page(("comparison",), panels_of, foot_of, most_panels=12)
