@@ -178,7 +178,7 @@ def merged(faults: Iterable[str]) -> list[str]:
     Examples
     --------
     >>> merged(["mass of 'u·0' is -1", "mass of 'u·1' is -2", "time runs back"])
-    ["mass of 'u·0' is -1; likewise 1 more element", 'time runs back']
+    ["mass of 'u·0' is -1; likewise for 1 more", 'time runs back']
     """
     alike: dict[str, list[str]] = {}
     for fault in faults:
