@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy import linalg
 
 import xdynamics as xd
 from xdynamics.methods import METHODS
+from xdynamics.runtime.blas_threads import one_blas_thread, thread_counts
 from xdynamics.stability import LinearSystem, NormalModes
 from xdynamics.stability.limits import largest_step
 
@@ -135,3 +137,34 @@ def test_a_large_mass_matrix_is_not_printed() -> None:
     with pytest.raises(xd.InputError, match=r"mass matrix of 30 rows, least eigenvalue -9 \(SI units\)") as caught:
         xd.modes(model)
     assert len(str(caught.value)) < 250
+
+
+@pytest.fixture
+def two_threads() -> Iterator[Callable[[], int]]:
+    """The number of threads of NumPy's OpenBLAS, which is 2 here."""
+    if not (counts := thread_counts("numpy.linalg._umath_linalg")):
+        pytest.skip("NumPy is built with another BLAS than OpenBLAS")
+    before = counts[0].read()
+    counts[0].set(2)
+    yield counts[0].read
+    counts[0].set(before)
+
+
+def test_eigenvalues_are_computed_on_one_thread(
+    two_threads: Callable[[], int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that `modes` computes all eigenvalues on one thread, and leaves two for others."""
+    threads: list[int] = []
+    whole = np.linalg.eigvals
+    monkeypatch.setattr(np.linalg, "eigvals", lambda matrices: threads.append(two_threads()) or whole(matrices))
+    xd.modes(xd.Model.from_toml("data/models/coupled_masses.toml"))
+    assert (set(threads), two_threads()) == ({1}, 2)
+
+
+def test_the_last_of_many_uses_gives_the_threads_back(two_threads: Callable[[], int]) -> None:
+    """Assert that a use within a use, and one that ends in an error, leave the number of threads as it was."""
+    with one_blas_thread():
+        with pytest.raises(ZeroDivisionError, match="division"), one_blas_thread():
+            assert 1 / 0
+        assert two_threads() == 1
+    assert two_threads() == 2

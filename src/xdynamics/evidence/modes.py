@@ -26,6 +26,7 @@ from xdynamics.model.motion import constants, variables
 from xdynamics.model.tangent_space import count_of_changes, free_coordinates, independent
 from xdynamics.record import of_elements
 from xdynamics.record.folding import fold, labelled
+from xdynamics.runtime.blas_threads import one_blas_thread
 from xdynamics.schema import Variable
 from xdynamics.stability import LinearSystem, NormalModes, decay_limit, oscillator_limit, stable_step_of
 from xdynamics.stability.normal_modes import MANY
@@ -117,6 +118,7 @@ def _in_task(row: int | None, at: Mapping[str, Any] | None, run: xr.Dataset) -> 
     return _computed(model, state | replacements(model, at))
 
 
+@one_blas_thread()
 def _computed(model: Model, state: Mapping[str, float]) -> xr.Dataset:
     linearisation = linearise(model, dict(state))
     _check_state(model, linearisation, state)
@@ -344,7 +346,8 @@ def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
                 "largest_stable_step",
                 model.time_unit.text,
                 "largest step with which no mode grows that does not grow in the model",
-                "0: none; inf: every step; nan: the method refuses the model; of over 128 coordinates whose damping joins modes within the 128 nearest to growth",
+                "0: none; inf: every step; nan: the method refuses the model; an estimate for over 128 coordinates whose damping joins"
+                " modes: of the 128 modes nearest to growth",
             ),
             spectrum.stable,
         ),

@@ -11,6 +11,7 @@ from xdynamics.methods.method import Method
 from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each
 from xdynamics.model.tangent_space import free_coordinates
+from xdynamics.runtime.blas_threads import one_blas_thread
 from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
 
 ROUND_OFF = 1e-12  # growth in one step that counts as none
@@ -101,6 +102,7 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
     return stable_step_of(system, method, model, growth=growth)
 
 
+@one_blas_thread()
 def stable_step_of(system: LinearSystem, method: Method, model: Model, *, growth: float = 0.0) -> float:
     """Return the same as `stable_step` of the changes that keep constraints, whose linear system is known."""
     follows = treats_alike(method) or bool(len(system.acceleration)) or not model.constraints
@@ -150,6 +152,7 @@ def surely_stable(jacobian: Floats, method: Method, coordinates: int, step: floa
     return oscillates and step * float(np.max(sums, initial=0.0)) ** 0.5 < oscillator_limit(method)
 
 
+@one_blas_thread()
 def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]], steps: Iterable[float]) -> float:
     """Return the fraction of rows at which the stability of a fast decay limits the step.
 

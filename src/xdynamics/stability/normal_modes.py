@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.runtime.blas_threads import one_blas_thread
+
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
@@ -46,11 +48,13 @@ class NormalModes:
         masses = mass.diagonal()
         if symmetric and len(mass) >= MANY and np.count_nonzero(mass) == np.count_nonzero(masses > 0.0) == len(mass):
             root = np.sqrt(masses)
-            squares, shapes = _symmetric(stiffness / np.outer(root, root))
+            with one_blas_thread():
+                squares, shapes = _symmetric(stiffness / np.outer(root, root))
             shapes = shapes / root[:, None]
         else:
             symmetric = symmetric and bool(np.linalg.eigvalsh(mass)[0] > 0.0)
-            squares, shapes = (linalg.eigh if symmetric else linalg.eig)(stiffness, mass)
+            with one_blas_thread():
+                squares, shapes = (linalg.eigh if symmetric else linalg.eig)(stiffness, mass)
         order = np.argsort(squares.real, kind="stable")
         return cls(squares[order].astype(np.complex128), shapes[:, order].real, symmetric)
 
