@@ -80,16 +80,28 @@ def test_orbits_are_drawn_in_space() -> None:
     assert (paths[1][:, -1] == run.r.sel(body="b").values[-1]).all()
 
 
-@pytest.mark.dear
-def test_a_field_over_two_dimensions_is_a_map() -> None:
-    """Assert that the map shows the last state, the first dimension across, with its unit beside the colours."""
+def test_a_field_over_two_dimensions_is_maps_at_three_times() -> None:
+    """Assert the states at the start, halfway and at the end, the first dimension across, one scale with its unit."""
     run = xd.simulate(xd.Model.from_text(PLATE))
-    figure = drawn(run, "map")
-    axes = figure.axes[0]
-    assert (np.asarray(axes.collections[0].get_array()) == run["T"].values[-1].T).all()
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("across, counted from 0", "up, counted from 0")
-    assert axes.child_axes[0].get_ylabel() == "T (K)"
-    assert "at t = 0.2 s" in axes.get_title(loc="left")
+    figure = xd.plot(run)
+    first, middle, last = maps = [axes for axes in figure.axes if axes.get_visible()]
+    for axes, row, moment in zip(maps, (0, 1, 2), ("0 s", "0.1 s", "0.2 s"), strict=True):
+        assert (np.asarray(axes.collections[0].get_array()) == run["T"].values[row].T).all()
+        assert axes.collections[0].get_clim() == (run["T"].min(), run["T"].max())
+        assert axes.get_title() == f"t = {moment}"
+    assert first.get_title(loc="left").strip() == "T over across and up, at recorded states"
+    assert (middle.get_xlabel(), first.get_ylabel()) == ("across, counted from 0", "up, counted from 0")
+    assert last.child_axes[0].get_ylabel() == "T (K)"
+    by_kind = xd.plot(run, only="state")
+    assert len([axes for axes in by_kind.axes if axes.get_visible()]) == 3
+    assert len(xd.plot(run, only="T[3, 4]").axes) == 1
+
+
+def test_a_field_of_both_signs_has_colours_that_part_at_zero() -> None:
+    """Assert one scale with zero in its middle for all times of a field that is not positive."""
+    figure = xd.plot(xd.simulate(xd.Model.from_text(PLATE.replace("8*index(across)", "8*index(across) - 20"))))
+    (limits,) = {axes.collections[0].get_clim() for axes in figure.axes}
+    assert limits[0] == -limits[1] < 0.0
 
 
 @pytest.mark.dear

@@ -119,7 +119,7 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     if 0.0 < np.abs(changes).max() < STEADY * np.ptp(rows):
         rows, label, note = changes, f"{label} - {label}(0)", " less its start"
     edges = np.append(grid, grid[-1])
-    mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **_colours(rows))
+    mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **colours(rows))
     colour_bar(mesh, words(f"{label} ({run.variables[names[0]].attrs['units']})"), axes)
     ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
@@ -134,7 +134,7 @@ def colour_bar(mesh: Any, label: str, axes: Axes) -> None:
     bar.set_label(label)
 
 
-def _colours(values: Floats) -> dict[str, Any]:
+def colours(values: Floats) -> dict[str, Any]:
     """Return two colours that part at zero for values of both signs, one scale of colours for those of one sign."""
     if values.min() >= 0.0 or values.max() <= 0.0:
         return {"cmap": "viridis"}

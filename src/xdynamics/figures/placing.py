@@ -60,12 +60,15 @@ def _is_folded(axes: Axes) -> bool:
     place = axes.get_subplotspec()
     if (text := _title(axes)) is None or place is None:
         return False
-    title, left = text.get_text().replace("\n", " "), text.get_window_extent().x0
+    place = place.get_topmost_subplotspec()  # of which these axes may be a part
+    lines, left = text.get_text(), text.get_window_extent().x0
+    title = lines.rstrip("\n").replace("\n", " ")
+    below = "\n" * (len(lines) - len(lines.rstrip("\n")))  # room for what else is there
     room = axes.figure.bbox.width * place.colspan.stop / place.get_gridspec().ncols - CELL - left
     letters = len(title)
     while WIDER * text.get_window_extent().width > room and letters > FEWEST_LETTERS:
         letters = max(FEWEST_LETTERS, letters * 9 // 10)
-        text.set_text("\n".join(wrap(title, letters, break_long_words=False)))
+        text.set_text("\n".join(wrap(title, letters, break_long_words=False)) + below)
     return letters < len(title)
 
 

@@ -16,6 +16,7 @@ from xdynamics.figures import boundaries, energy, lattice, line_panels, march_pa
 from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
+from xdynamics.figures.fields import fields
 from xdynamics.figures.roles import with_role
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
@@ -211,8 +212,9 @@ def _panels(
         yield "plane", [], partial(_plane, run, view, beside)
     for seen in space.spaces(views):
         yield "space", [], partial(space.draw, seen, views)
-    for names, panel in space.fields(run):
-        yield "map", names, panel
+    for names, panel in fields(run):
+        is_whole_field = wanted is None or {*names} <= {*wanted}
+        yield "map", names if is_whole_field else [], panel
     yield from _of_motion(run, beside, wanted)
     yield from _of_forces(run, beside, wanted, transient)
     yield from _of_march(run, beside)
@@ -242,10 +244,15 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     kinds = [("trajectory", "trajectory", coordinates)]
     kinds += [("velocity", title, names) for title, names in turning.parted(moving)]
     kinds += [("state", "first-order state", states), ("controller", "held between ticks", _held(run))]
+    maps = {tuple(names): panel for names, panel in fields(run)}  # which tell more than a row for each element
     for kind, title, names in (*kinds, ("other", "", _others(run))):
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):
             what = title or str(run.variables[group[0]].attrs["role"]).replace("_", " ")
-            yield kind, group, partial(line_panels.against_time, run, group, what, beside)
+            panel = maps.get(tuple(group))
+            if panel is None:
+                yield kind, group, partial(line_panels.against_time, run, group, what, beside)
+            elif wanted is not None and kind in wanted:
+                yield kind, group, panel
     for parts in turning.attitudes:
         if wanted is None or "attitude" in wanted:
             yield "attitude", parts, partial(line_panels.against_time, run, parts, "attitude, a quaternion", beside)

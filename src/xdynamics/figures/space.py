@@ -1,29 +1,23 @@
-"""Where bodies are in three dimensions, and fields over two: what neither lines in time nor a plane can show."""
+"""Where bodies are in three dimensions: what neither lines in time nor a plane can show."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
-from xdynamics.figures.line_panels import MOST_NAMED, colour_bar
-from xdynamics.figures.marks import COLOURS, at_time, typeset, words
+from xdynamics.figures.line_panels import MOST_NAMED
+from xdynamics.figures.marks import COLOURS, typeset, words
 from xdynamics.figures.placing import named_elsewhere
 from xdynamics.figures.plane import MOST_BODIES, left_out
-from xdynamics.figures.sheet import Panel
-from xdynamics.shapes import Shapes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_POINTS = 4000  # of a path
-POSITION = ("coordinate", "state")  # roles
 
 
 class Orbit(NamedTuple):
@@ -76,28 +70,3 @@ def draw(space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
     solid.locator_params(nbins=5)
     solid.tick_params(labelsize=7)
     solid.set_title(f"in space, in {typeset(space.units)} (dot: start){left_out(views[0])}", loc="left", fontsize=10)
-
-
-def fields(run: xr.Dataset) -> Iterator[tuple[list[str], Panel]]:
-    """Yield a panel for each coordinate and state over two dimensions of many elements, and what it draws."""
-    shapes = shapes_of(run)
-    for name, dims in shapes.dims.items():
-        if len(dims) != 2 or min(shapes.shape(dims)) < FEWEST_ELEMENTS:
-            continue
-        elements = shapes.elements(name)
-        if all(element in run and run.variables[element].attrs.get("role") in POSITION for element in elements):
-            yield elements, partial(field, run, name, dims, shapes)
-
-
-def field(run: xr.Dataset, name: str, dims: tuple[str, str], shapes: Shapes, axes: Axes) -> None:
-    """Draw a quantity over two dimensions at the last recorded state, with its unit beside the colours."""
-    elements = shapes.elements(name)
-    values = np.array([float(run[element][-1]) for element in elements]).reshape(shapes.shape(dims))
-    units = str(run.variables[elements[0]].attrs["units"])
-    mesh = axes.pcolormesh(values.T, cmap="viridis", rasterized=True)
-    colour_bar(mesh, f"{words(name)} ({typeset(units)})", axes)
-    axes.set_aspect("equal", adjustable="box")
-    axes.grid(visible=False)
-    axes.set(xlabel=words(f"{dims[0]}, counted from 0"), ylabel=words(f"{dims[1]}, counted from 0"))
-    moment = at_time(run["time"], float(run["time"][-1]), 4)
-    axes.set_title(words(f"{name} over {dims[0]} and {dims[1]} at {moment}"), loc="left", fontsize=10)

@@ -1,0 +1,77 @@
+"""Quantities over two dimensions: maps at the start, halfway, and at the end, with one scale of colours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
+from xdynamics.figures.line_panels import colour_bar, colours
+from xdynamics.figures.marks import at_time, in_unit, typeset, words
+from xdynamics.figures.sheet import Panel
+from xdynamics.shapes import Extent, Shapes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOMENTS = 3  # of a run, at which a field is drawn
+DRAWN = ("coordinate", "velocity", "state")  # roles
+MOST_LABELS = 8  # of a dimension, beside a map
+
+
+def fields(run: xr.Dataset) -> Iterator[tuple[list[str], Panel]]:
+    """Yield a panel for each coordinate, velocity and state over two dimensions of many elements, and what it draws."""
+    shapes = shapes_of(run)
+    for name, dims in shapes.dims.items():
+        if len(dims) != 2 or min(shapes.shape(dims)) < FEWEST_ELEMENTS:
+            continue
+        names = shapes.elements(name)
+        if all(each in run and run.variables[each].attrs.get("role") in DRAWN for each in names):
+            yield names, partial(field, run, name, names, dims, shapes)
+
+
+def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], shapes: Shapes, axes: Axes) -> None:
+    """Draw a quantity over two dimensions at recorded states, in the place of some axes.
+
+    Colours have one scale at all times, which parts at zero where the quantity has both signs.
+    """
+    time = run.variables["time"].values
+    rows = np.unique([np.abs(time - moment).argmin() for moment in np.linspace(time[0], time[-1], MOMENTS)])
+    values = np.stack([run.variables[each].values[rows] for each in names], axis=-1)
+    maps = values.reshape(len(rows), *shapes.shape(dims))
+    scale = {"vmin": float(maps.min()), "vmax": float(maps.max())} | colours(maps)
+    place: Any = axes.get_subplotspec()
+    figure: Any = axes.figure
+    axes.remove()
+    grid = place.subgridspec(1, len(rows))
+    parts: list[Any] = [figure.add_subplot(grid[0, k]) for k in range(len(rows))]
+    edges = [np.arange(size + 1) - 0.5 for size in shapes.shape(dims)]
+    for k, (part, row) in enumerate(zip(parts, rows.tolist(), strict=True)):
+        mesh = part.pcolormesh(*edges, maps[k].T, rasterized=True, **scale)
+        part.set_aspect("equal", adjustable="box")
+        part.set_title(at_time(run["time"], float(time[row]), 4), fontsize=8)
+        part.tick_params(labelsize=7)
+        _name_elements(part.xaxis, shapes.extent(dims[0]), dims[0], is_named=k == len(rows) // 2)
+        _name_elements(part.yaxis, shapes.extent(dims[1]), dims[1], is_named=k == 0)
+    colour_bar(mesh, in_unit(words(name), typeset(str(run.variables[names[0]].attrs["units"]))), parts[-1])
+    # above the line that says when
+    parts[0].set_title(
+        words(f"{name} over {dims[0]} and {dims[1]}, at recorded states") + "\n", loc="left", fontsize=10
+    )
+
+
+def _name_elements(axis: Any, extent: Extent, dim: str, *, is_named: bool) -> None:
+    """Put labels along a map, or numbers from 0 where there are none or too many."""
+    from matplotlib.ticker import MaxNLocator
+
+    labels = [*map(words, extent.labels)] if extent.labels and extent.size <= MOST_LABELS else []
+    if labels:
+        axis.set_ticks(range(extent.size), labels if is_named else [""] * extent.size)
+    else:
+        axis.set_major_locator(MaxNLocator(4, integer=True))
+    if is_named:
+        axis.set_label_text(words(dim if labels else f"{dim}, counted from 0"), fontsize=8)
