@@ -77,6 +77,13 @@ def test_an_opened_run_is_the_run_that_was_saved(archived: Path) -> None:
         assert run.attrs["content_digest"] == xd.verify(archived)
 
 
+def test_a_flag_of_one_word_keeps_the_dimension_of_its_values(archived: Path) -> None:
+    """Assert that the one number of a regime comes back as an array, as it was, and that the copy has the same digest."""
+    with xd.open_run(archived) as run:
+        assert run.regime.attrs["flag_values"].shape == (1,)
+        assert xd.verify(xd.save(run, archived.with_name("copy.nc"))) == xd.verify(archived)
+
+
 def test_values_are_looked_up_where_the_file_is_still_the_same(archived: Path, tmp_path: Path) -> None:
     """Assert that a sent selection is compared with its file, and not where another record took its name."""
     path = Path(shutil.copy(archived, tmp_path / "run.nc"))

@@ -86,6 +86,28 @@ def test_where_a_cluster_may_be() -> None:
             xd.cluster(wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("guard", ["", "if 1 == 1:\n "])
+def test_a_script_without_a_main_guard_is_told(tmp_path: Path, guard: str) -> None:
+    """Assert one error, with the line and the remedy, where each process would run the script again: it hung before."""
+    pytest.importorskip("distributed")
+    script = tmp_path / "study.py"
+    script.write_text(f"import xdynamics as xd\n{guard}xd.cluster(2).__enter__()\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60, check=False)
+    line = 2 + bool(guard)
+    assert f"'study.py' starts the processes of a cluster in line {line}, and each" in done.stderr
+    assert done.stderr.rstrip().endswith('below the line if __name__ == "__main__":')
+
+
+@pytest.mark.parametrize(
+    "script", ['if __name__ == "__main__":\n check()', 'if __name__ != "__main__":\n raise SystemExit\ncheck()']
+)
+def test_a_main_guard_is_known(tmp_path: Path, script: str) -> None:
+    """Assert that a script which its processes do not run again may start them."""
+    path = tmp_path / "study.py"
+    path.write_text(f"from xdynamics.evidence.main_guard import check_main_guard as check\n{script}\n")
+    assert subprocess.run([sys.executable, path], capture_output=True, timeout=60, check=False).returncode == 0
+
+
 def test_a_client_that_is_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the remedies where dask's setting still names a cluster, of a stage and of a sweep into a folder."""
     distributed = pytest.importorskip("distributed")

@@ -13,7 +13,7 @@ from xdynamics.archive.seals import Seal, root_digest, stored_slabs
 from xdynamics.record import own_attributes
 from xdynamics.record.folding import labelled, unlabelled
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
+from xdynamics.schema import DIGEST, FLAG_ATTRIBUTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -187,6 +187,8 @@ def read(run: xr.Dataset, source: Source) -> xr.Dataset:
     parts = {}
     for name, variable in run.variables.items():
         digest = str(variable.attrs.pop(DIGEST, ""))
+        if FLAG_ATTRIBUTES[0] in variable.attrs:  # the library returns a single number without its dimension
+            variable.attrs[FLAG_ATTRIBUTES[0]] = np.atleast_1d(variable.attrs[FLAG_ATTRIBUTES[0]])
         parts[str(name)] = OriginalVariable(
             str(name),
             tuple(map(str, variable.dims)),

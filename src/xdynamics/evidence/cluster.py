@@ -12,6 +12,7 @@ from importlib.metadata import version
 from typing import Any
 
 from xdynamics.elementary import NAME
+from xdynamics.evidence.main_guard import check_main_guard
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels.engine_part import sources
 
@@ -143,7 +144,8 @@ def cluster(where: str | int | None = None) -> AbstractContextManager[Any]:
     Raises
     ------
     InputError
-        If there is no such cluster, it has no workers, or they differ; each is named.
+        If there is no such cluster, it has no workers, or they differ; each is named. If processes are to be started by
+        a script without that line, which each of them would run again.
 
     Examples
     --------
@@ -180,7 +182,7 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If both are given, there is no such cluster, or its workers differ.
+        If both are given, there is no such cluster, its workers differ, or a script would start them without end.
     """
     if scheduler is None and workers is None:
         yield None
@@ -199,6 +201,7 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         raise InputError("a cluster needs dask's distributed: pip install xdynamics[distributed]") from None
     library: Any = distributed  # its classes are not typed
     if workers is not None:
+        check_main_guard()
         settings = {
             "threads_per_worker": 1,
             "dashboard_address": None,

@@ -18,7 +18,7 @@ from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Parameter
 from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
-from xdynamics.shapes.naming import written
+from xdynamics.shapes.naming import parted, written
 from xdynamics.sweeping.axes import AxisColumn, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
@@ -205,6 +205,11 @@ def _swept(
     spread = np.concatenate([a, b, *mixed])
     values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
     sweep = unfold(swept(model, {"draw": values}, keep=[quantity], **settings))
+    if elements := [name for name in map(str, sweep.variables) if name != quantity == parted(name)[0]]:
+        raise InputError(
+            f"quantity '{quantity}' has {len(elements)} elements, and shares are of one number: ask for one of '{elements[0]}'"
+            f" to '{elements[-1]}' in each call"
+        )
     if quantity not in sweep or sweep[quantity].dims != ("draw",):
         raise InputError(
             f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"
