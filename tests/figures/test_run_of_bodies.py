@@ -68,3 +68,30 @@ def test_a_picture_takes_no_element_apart(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(xr.Dataset, "_construct_dataarray", counted)
     assert len(titles(run)) == 4
     assert 0 < count < 20
+
+
+def test_each_axis_of_many_bodies_has_a_map() -> None:
+    """Assert a map of x and one of y with the labels of all bodies that are 30 letters long, cut in their middle."""
+    labels = [f"a_body_with_a_long_label_no_{number:03d}" for number in range(9)]
+    text = CLUSTER.replace("body = 12", f"body = {labels}")
+    run = xd.simulate(xd.Model.from_text(text), method="rk4", step="50 ms", until="0.5 s")
+    across, up = xd.plot(run, only="trajectory").axes
+    for axes, axis in ((across, "x"), (up, "y")):
+        assert axes.get_title(loc="left").startswith(f"trajectory of r[{axis}], a row for each of 9")
+        assert [text.get_text() for text in axes.get_yticklabels()] == [f"a_body_w…l_no_{k:03d}" for k in range(9)]
+        drawn = axes.collections[0].get_array()
+        assert (drawn[:, 0] == run["r"].values[0, :, "xy".index(axis)]).all()
+        assert axes.child_axes[0].get_ylabel() == f"r[{axis}] (m)"
+
+
+def test_paths_of_many_bodies_differ_in_colour_and_have_names_at_their_ends() -> None:
+    """Assert no colour twice among twelve bodies, and their numbers at the ends of their paths."""
+    run = xd.simulate(xd.Model.from_text(CLUSTER), method="rk4", step="50 ms", until="0.5 s")
+    (axes,) = xd.plot(run, only="plane").axes
+    colours = [line.get_color() for line in axes.lines if line.get_linestyle() == "-"]
+    assert len({*colours}) == len(colours) == 12
+    ends = {text.get_text(): text.xy for text in axes.texts}
+    assert [*ends] == [*map(str, range(12))]
+    assert [text.get_color() for text in axes.texts] == colours
+    assert ends["7"] == tuple(run["r"].values[-1, 7])
+    assert "ends: body, where there is room" in axes.get_title(loc="left").replace("\n", " ")

@@ -15,7 +15,7 @@ from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, drawn, has_chords, is_long, moments, unjoined
 from xdynamics.figures.event_marks import mark_events
-from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
+from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, shortened, words
 from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
@@ -23,7 +23,7 @@ from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import STEPS, velocity
-from xdynamics.shapes import parted
+from xdynamics.shapes import element, parted, spoken
 from xdynamics.units import parse_unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -122,7 +122,11 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **colours(rows))
     colour_bar(mesh, words(f"{label} ({run.variables[names[0]].attrs['units']})"), axes)
     ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
-    axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
+    axis, rows_of = shared_axis(names), names
+    if axis:
+        what, rows_of = f"{what} of {spoken(axis)}", [", ".join(parted(name)[1][:-1]) for name in names]
+    called = shortened([words(name) for name in rows_of])
+    axes.set_yticks(ticks, [called[k - 1] for k in ticks])
     axes.grid(visible=False)
     label_time(axes, run["time"])
     axes.set_title(f"{what}{note}, a row for each of {len(names)}{straight(run, *names)}", loc="left", fontsize=10)
@@ -305,9 +309,17 @@ def _joined(names: list[str]) -> str:
     """Name what an axis shows, briefly: the legend has all names."""
     wholes = {parted(name)[0] for name in names}
     if len(wholes) == 1:
-        return wholes.pop() if len(names) > 1 else names[0]
+        return shared_axis(names) or wholes.pop() if len(names) > 1 else names[0]
     joined = ", ".join(names)
     return joined if len(joined) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
+
+
+def shared_axis(names: list[str]) -> str:
+    """Return the component that several elements have in common, `r[x]` of `r[0, x]` and `r[1, x]`; empty if none."""
+    found = {(whole, labels[-1]) for whole, labels in map(parted, names) if len(labels) > 1}
+    is_one = len(names) > 1 and len(found) == 1 and all(len(parted(name)[1]) > 1 for name in names)
+    (whole, label) = found.pop() if is_one else ("", "")
+    return element(whole, [label]) if is_one else ""
 
 
 def key(name: str, k: int, run: str, names: list[str], beside: Beside, shown: str = "") -> tuple[str, str]:

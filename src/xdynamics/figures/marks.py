@@ -26,6 +26,8 @@ COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#7a7a7a")
 LONG_UNITS = (("years", 31_557_600.0), ("days", 86_400.0))
 FEWEST_WHOLE = 5.0  # of a unit that a run lasts for figures to write it
 
+LONGEST_NAME = 16  # letters of an element beside a map, or at a path
+
 _POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SYMBOLS = {"astronomical_unit": "au"}
 _UNIT = re.compile(r"(?<![A-Za-z])([A-Za-z_]+)(-?[1-9][0-9]?)?(?= |$)")
@@ -110,6 +112,20 @@ def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
     """Write a time with its unit."""
     units, size = long_unit(time)
     return f"t = {value / size:.{digits}g}{unit_suffix(units)}"
+
+
+def shortened(names: list[str]) -> list[str]:
+    """Return names with their middle left out where they are long; numbers from 0 before them where that confuses some.
+
+    Examples
+    --------
+    >>> shortened(["Sun", "a_body_with_a_long_label_no_007"])
+    ['Sun', 'a_body_w…l_no_007']
+    """
+    half = LONGEST_NAME // 2
+    brief = [name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}" for name in names]
+    confused = len({*brief}) < len({*names})
+    return [f"{k}: {name}" for k, name in enumerate(brief)] if confused else brief
 
 
 def words(text: Any) -> str:

@@ -20,8 +20,8 @@ from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED, straight
-from xdynamics.figures.marks import COLOURS, words
-from xdynamics.figures.placing import named_elsewhere
+from xdynamics.figures.marks import COLOURS, shortened, words
+from xdynamics.figures.placing import EVENT, named_elsewhere
 from xdynamics.figures.roles import with_role
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
@@ -38,6 +38,8 @@ UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where 
 _STEM = re.compile(r"([a-z]+?)_?(\d+|(?<=_)[a-z]\w*)", re.IGNORECASE | re.ASCII)  # `x` and `2`, `y` and `bob`
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
+MOST_ENDS = 60  # bodies whose paths have their names at the end
+MANY = "turbo"  # colours of more bodies than there are single ones
 MOST_BODIES = 200  # whose paths are drawn
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
 SLENDER, SLIM = 2.0, 3.0  # ratios of the sides, from which on few numbers fit below, and only upright ones
@@ -202,13 +204,35 @@ def draw(
     named = with_role(run, *POSITIONS)
     what = "the plane" if first.is_space else "phase plane"
     start = "rings: start, discs: end" if discs else f"{'dots and grey lines' if joined else 'dot'}: start"
-    axes.set_title(f"{what} ({start}{note}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
+    ends = name_ends(view, axes)
+    axes.set_title(
+        f"{what} ({start}{note}{words(ends)}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10
+    )
 
 
 def colours_of(view: list[BodyPath]) -> list[str]:
     """Return a colour for each body, grey for those that never move."""
-    moving = iter(range(len(view)))
-    return [GREY if body.is_fixed else COLOURS[next(moving) % len(COLOURS)] for body in view]
+    moving = [body for body in view if not body.is_fixed]
+    if len(moving) > len(COLOURS) and all(body.dims for body in view):  # no colour twice
+        from matplotlib import colormaps
+        from matplotlib.colors import to_hex
+
+        shades = [to_hex(shade) for shade in colormaps[MANY](np.linspace(0.05, 0.95, len(moving)))]
+    else:
+        shades = [COLOURS[k % len(COLOURS)] for k in range(len(moving))]
+    left = iter(shades)
+    return [GREY if body.is_fixed else next(left) for body in view]
+
+
+def name_ends(view: list[BodyPath], axes: Axes) -> str:
+    """Put the label of each of more bodies than a legend takes at the end of its path, where there is room; say so."""
+    if not MOST_NAMED < len(view) <= MOST_ENDS or not all(body.dims for body in view):
+        return ""
+    names = shortened([words(body.body) for body in view])
+    for body, name, colour in zip(view, names, colours_of(view), strict=True):
+        style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 6.5, "color": colour, "gid": EVENT}
+        axes.annotate(name, (body.x[-1], body.y[-1]), (2, 2), **style)
+    return f"; ends: {view[0].dims}, where there is room"
 
 
 def moves_in_lines(view: list[BodyPath]) -> bool:
@@ -242,7 +266,7 @@ def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
 
     Of one body each run has a colour; of several each body keeps its own, and runs differ by their dashes.
     """
-    several = len(view) > 1
+    several, shades = len(view) > 1, colours_of(view)
     if several and beside.others:
         axes.plot([], [], "-", color=GREY, linewidth=1.1, label=words(beside.own))
     for k, other in enumerate(beside.others, 1):
@@ -258,7 +282,7 @@ def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
             found = [[path.x, path.y] for path in ways[0][: len(view)]] if ways else []
         style = "+" if other.record is None else DASHES[(k - 1) % len(DASHES)]
         for j, pair in enumerate(line for line in found if line is not None):
-            colour = COLOURS[(j if several else k) % len(COLOURS)]
+            colour = shades[j] if several and view[0].dims else COLOURS[(j if several else k) % len(COLOURS)]
             axes.plot(*pair, style, color=colour, linewidth=1.2, alpha=0.8)
         if any(line is not None for line in found):
             colour = GREY if several else COLOURS[k % len(COLOURS)]

@@ -178,7 +178,8 @@ def _chosen(panels: list[Keyed]) -> list[Keyed]:
         )  # bodies are seen better in the plane, from each side
         seen[kind] = seen.get(kind, 0) + 1
         if kind in FIRST:
-            ranks.append((is_map, seen[kind], FIRST.index(kind), place))
+            turn = 1 if is_map and line_panels.shared_axis(names) else seen[kind]  # each axis before the next kind
+            ranks.append((is_map, turn, FIRST.index(kind), place))
     return [panels[place] for place in sorted(place for *_, place in sorted(ranks)[:MOST])] or panels[:MOST]
 
 
@@ -365,12 +366,25 @@ def _drawn(run: xr.Dataset, *names: str) -> bool:
 
 
 def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
-    """Group variables that share an axis: those of one unit, and elements of one quantity for themselves."""
+    """Group variables that share an axis: those of one unit, and elements of one quantity for themselves.
+
+    Of many elements those along each axis (the few labels of a last dimension) are a group.
+    """
     groups: dict[tuple[str, str], list[str]] = {}
     for name in names:
         whole, labels = parted(name)
         groups.setdefault((run.variables[name].attrs["units"], whole if labels else ""), []).append(name)
-    return list(groups.values())
+    return [part for group in groups.values() for part in _by_axis(group)]
+
+
+def _by_axis(names: list[str]) -> list[list[str]]:
+    """Part many elements by the last of several dimensions, where that has few."""
+    parts: dict[str, list[str]] = {}
+    for name in names:
+        labels = parted(name)[1]
+        parts.setdefault(labels[-1] if len(labels) > 1 else "", []).append(name)
+    is_many = len(names) > line_panels.MOST_LINES
+    return [*parts.values()] if is_many and len(parts) < lattice.FEWEST_ELEMENTS else [names]
 
 
 PAGE = Page((), panels_of, foot_of)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.line_panels import MOST_NAMED
-from xdynamics.figures.marks import COLOURS, typeset, words
+from xdynamics.figures.marks import typeset, words
 from xdynamics.figures.placing import named_elsewhere
-from xdynamics.figures.plane import MOST_BODIES, left_out
+from xdynamics.figures.plane import MOST_BODIES, colours_of, left_out
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,8 +57,9 @@ def draw(space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
     figure: Any = axes.figure
     axes.remove()
     solid: Any = figure.add_subplot(place, projection="3d")
-    for k, orbit in enumerate(space.orbits[:MOST_BODIES]):
-        colour, points = COLOURS[k % len(COLOURS)], orbit.points[:, :: 1 + orbit.points.shape[1] // MOST_POINTS]
+    shades = colours_of(views[0][:MOST_BODIES])
+    for orbit, colour in zip(space.orbits, shades, strict=False):
+        points = orbit.points[:, :: 1 + orbit.points.shape[1] // MOST_POINTS]
         solid.plot(*points, "-", color=colour, linewidth=1.0, label=words(orbit.body))
         solid.plot(*points[:, :1], "o", color=colour, markersize=4)
     names = {words(orbit.body) for orbit in space.orbits if orbit.body}
