@@ -95,7 +95,7 @@ def test_links_beside_one_that_wedges_slide_on() -> None:
 
 def test_impulses_outside_a_cone_are_counted() -> None:
     """Assert of three impulses that stopped slips, with a coefficient of 0.5, that one in the cone is not, and the worst is kept."""
-    arrays = {"touching": np.zeros((1, NUMBERS)), "candidates": np.array([[3, 7, 0, 0]])}
+    arrays = {"touching": np.zeros((1, NUMBERS)), "candidates": np.array([[3, 7, 0, 0, 1]])}
     run = made_by_hand(n=1, **arrays, tallies=np.zeros(TALLIES, np.int64), spans=np.zeros(16))
     run.touching[0, STATIC], run.touching[0, HALTED] = 0.5, ENDED
     run.touching[0, FORCE], run.touching[0, DRAGS] = 10.0, 2.0

@@ -260,8 +260,8 @@ class Run:
     patterns: Address[Whole]  # two runs of one link for each assembly
     tallies: Scratch[Whole]  # see `march.assembly.broad_phase`, where all is made anew when a march begins or goes on
     spans: Scratch[Floats]
-    boxes: Scratch[Columns]  # bounds of every coordinate
-    renewed: Scratch[Whole]  # 1 where they are new
+    boxes: Scratch[Columns]  # bounds of every coordinate, and those of few steps
+    renewed: Scratch[Whole]  # which of them are new
     hulls: Scratch[Columns]  # of groups
     grouped: Scratch[Whole]  # elements, group by group
     candidates: Scratch[Lists]  # links that boxes do not prove apart

@@ -2,7 +2,8 @@
 
 As long as every coordinate stays in its box, and `keep_boxes` proves that for every step, no link that was left out can
 meet. Elements near each other are in one group; a group whose hull proves that all its links are apart is left out whole
-(Ericson, Real-Time Collision Detection, 2005, chapter 6).
+(Ericson, Real-Time Collision Detection, 2005, chapter 6). Within its box each coordinate has a narrow one, for few steps:
+candidates that narrow boxes prove to be apart are not bounded in these steps.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ from xdynamics.march.assembly.links import (
     BASE,
     FAMILY,
     MOVES,
+    NARROW,
+    NEAR,
     TARGET,
+    WIDE,
     bound_leaf,
     is_apart,
     member,
@@ -46,6 +50,8 @@ SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WO
 )
 GROUP = 16  # elements of a group
 AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
+NARROWER = 1.0 / 16.0  # of the width of a box: how far a narrow one reaches beyond the step
+SAME, NARROW_ONE, BOTH = range(3)  # which boxes of a coordinate are new
 UNSURE = 256.0 * EPS  # of the ends of a box
 LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates
 
@@ -68,17 +74,18 @@ def keep_boxes(run: Run) -> bool:
     while fit_boxes(run):
         if list_candidates(run):
             run.tallies[BEGUN] = 1
-            return True
+            break
         if run.spans[SHARE] < LEAST_SHARE:
             return False
         run.spans[SHARE] /= 2.0  # smaller boxes, fewer candidates
         run.tallies[BEGUN] = 0
+    mark_near(run)
     return True
 
 
 @shared
 def fit_boxes(run: Run) -> bool:
-    """Make new boxes of coordinates that leave theirs in the trial; whether any did."""
+    """Make new boxes of coordinates that leave theirs in the trial; whether any left its wide one."""
     n, any_renewed = run.plan[0].coordinates, False
     pattern, first = pattern_at(run.patterns[0]), run.assemblies[0]
     own, piece = pattern.piece[0], run.piece[0]
@@ -86,7 +93,7 @@ def fit_boxes(run: Run) -> bool:
     row, leaf, count, accelerations = first.row, first.row_leaf, first.leaves, run.plan[0].used
     target = run.leafs[first.first_leaf + leaf, TARGET]
     for i in range(n):
-        run.renewed[i] = 0
+        run.renewed[i] = SAME
         if run.tallies[BEGUN] == 1 and stays_inside(run, i, piece.width):
             continue
         pattern.y[leaf], pattern.z[leaf] = run.y[i], run.z[i]
@@ -94,15 +101,25 @@ def fit_boxes(run: Run) -> bool:
         pattern.y[2 * count + leaf], pattern.z[2 * count + leaf] = run.y[accelerations + i], run.z[accelerations + i]
         row_by(pattern.functions[VARIABLE], pattern, pattern.y, pattern.z, row)
         low, high = pattern.under[target], pattern.over[target]
-        if run.tallies[BEGUN] == 0 or not (run.boxes[0, i] <= low and high <= run.boxes[1, i]):
+        run.renewed[i] = NARROW_ONE
+        if run.tallies[BEGUN] == 0 or not (run.boxes[WIDE, i] <= low and high <= run.boxes[WIDE + 1, i]):
             far = AHEAD * (high - low) * run.spans[SHARE]
-            run.boxes[0, i], run.boxes[1, i], run.renewed[i], any_renewed = low - far, high + far, 1, True
+            run.boxes[WIDE, i], run.boxes[WIDE + 1, i], run.renewed[i], any_renewed = low - far, high + far, BOTH, True
+        narrow(run, i, low, high)
     return any_renewed
 
 
 @shared
+def narrow(run: Run, i: int, low: float, high: float) -> None:
+    """Make the narrow box of a coordinate, about its bounds in the trial and within its wide box."""
+    least, most = run.boxes[WIDE, i], run.boxes[WIDE + 1, i]
+    far = NARROWER * (most - least)
+    run.boxes[NARROW, i], run.boxes[NARROW + 1, i] = max(least, low - far), min(most, high + far)
+
+
+@shared
 def stays_inside(run: Run, i: int, w: float) -> bool:
-    """Whether a coordinate is proven to stay in its box by less arithmetic than its pattern's, whose bounds these are.
+    """Whether a coordinate is proven to stay in its narrow box by less arithmetic than its pattern's, whose bounds these are.
 
     They are the Bernstein coefficients of Hermite's quintic, widened by its distance from cubics; see
     `elementary.motion_bounds`. Every term of them is within a few widths of the box if they are in it, so that rounding is
@@ -115,8 +132,8 @@ def stays_inside(run: Run, i: int, w: float) -> bool:
     even = abs(v1 - v0 - w * (a0 + a1) / 2.0)
     b1, b2 = q0 + w * v0 / 5.0, q0 + 2.0 * w * v0 / 5.0 + w * w * a0 / 20.0
     b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
-    off = odd + w * even / 128.0 + UNSURE * max(abs(run.boxes[0, i]), abs(run.boxes[1, i]))
-    low, high = run.boxes[0, i] + off, run.boxes[1, i] - off
+    off = odd + w * even / 128.0 + UNSURE * max(abs(run.boxes[NARROW, i]), abs(run.boxes[NARROW + 1, i]))
+    low, high = run.boxes[NARROW, i] + off, run.boxes[NARROW + 1, i] - off
     inside = low <= q0 <= high and low <= b1 <= high and low <= b2 <= high
     return bool(inside and low <= b3 <= high and low <= b4 <= high and low <= q1 <= high)
 
@@ -140,32 +157,32 @@ def drop_renewed(run: Run) -> None:
         run.tallies[COUNT] = 0
     for k in range(run.tallies[COUNT]):
         c, link, first, second = run.candidates[k, 0], run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
-        if not is_renewed(run, c, link, first, second):
-            for j in range(4):
+        if not is_renewed(run, c, link, first, second, BOTH):
+            for j in range(run.candidates.shape[1]):
                 run.candidates[kept, j] = run.candidates[k, j]
             kept += 1
     run.tallies[COUNT] = kept
 
 
 @shared
-def is_renewed(run: Run, c: int, link: int, first: int, second: int) -> bool:
-    """Whether a coordinate that a link reads has a new box."""
+def is_renewed(run: Run, c: int, link: int, first: int, second: int, which: int) -> bool:
+    """Whether a coordinate that a link reads has a new narrow box, or both boxes are new."""
     assembly, new = run.assemblies[c], False
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        if run.leafs[leaf, MOVES] and run.renewed[member(run, leaf, link, first, second)]:
+        if run.leafs[leaf, MOVES] and run.renewed[member(run, leaf, link, first, second)] >= which:
             new = True
     return new
 
 
 @shared
 def append(run: Run, c: int, link: int, first: int, second: int) -> bool:
-    """Add a candidate; whether there is room for it."""
+    """Add a candidate, near until it is proven not to be; whether there is room for it."""
     count = run.tallies[COUNT]
     if count >= run.candidates.shape[0]:
         return False
     run.candidates[count, 0], run.candidates[count, 1] = c, link
-    run.candidates[count, 2], run.candidates[count, 3] = first, second
+    run.candidates[count, 2], run.candidates[count, 3], run.candidates[count, NEAR] = first, second, 1
     run.tallies[COUNT] = count + 1
     return True
 
@@ -173,19 +190,34 @@ def append(run: Run, c: int, link: int, first: int, second: int) -> bool:
 @shared
 def list_links(run: Run, c: int) -> bool:
     """List candidates among links that are examined one by one."""
-    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
+    assembly = run.assemblies[c]
     for link in range(assembly.links):
-        if not is_renewed(run, c, link, 0, 0) and run.tallies[BEGUN] == 1:
+        if not is_renewed(run, c, link, 0, 0, BOTH) and run.tallies[BEGUN] == 1:
             continue
-        apart = False
-        if not assembly.timed:
-            for k in range(assembly.leaves):
-                leaf = assembly.first_leaf + k
-                bound_leaf(run, pattern, leaf, member(run, leaf, link, 0, 0))
-            apart = is_apart(pattern)
-        if not apart and not append(run, c, link, 0, 0):
+        if not is_apart_in_boxes(run, c, link, 0, 0, WIDE) and not append(run, c, link, 0, 0):
             return False
     return True
+
+
+@shared
+def is_apart_in_boxes(run: Run, c: int, link: int, first: int, second: int, which: int) -> bool:
+    """Whether the gap of a link is proven to be positive wherever its coordinates are in their wide, or narrow, boxes."""
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
+    if assembly.timed:
+        return False
+    for k in range(assembly.leaves):
+        leaf = assembly.first_leaf + k
+        bound_leaf(run, pattern, leaf, member(run, leaf, link, first, second), which)
+    return bool(is_apart(pattern))
+
+
+@shared
+def mark_near(run: Run) -> None:
+    """Mark the candidates, among those with new boxes, that narrow boxes do not prove to be apart."""
+    for k in range(run.tallies[COUNT]):
+        c, link, first, second = run.candidates[k, 0], run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
+        if is_renewed(run, c, link, first, second, NARROW_ONE):
+            run.candidates[k, NEAR] = int(not is_apart_in_boxes(run, c, link, first, second, NARROW))
 
 
 @shared
@@ -211,11 +243,11 @@ def list_pairs(run: Run, c: int) -> bool:
 
 @shared
 def entity_is_renewed(run: Run, c: int, e: int) -> bool:
-    """Whether an element of a relation has a new box, at either end."""
+    """Whether an element of a relation has a new wide box, at either end."""
     assembly, new = run.assemblies[c], False
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        if run.leafs[leaf, MOVES] and run.renewed[run.members[run.leafs[leaf, BASE] + e]]:
+        if run.leafs[leaf, MOVES] and run.renewed[run.members[run.leafs[leaf, BASE] + e]] == BOTH:
             new = True
     return new
 
@@ -228,7 +260,7 @@ def list_partners(run: Run, c: int, e: int) -> bool:
         for k in range(assembly.leaves):
             leaf = assembly.first_leaf + k
             if run.leafs[leaf, FAMILY] == own:
-                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + e])
+                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + e], WIDE)
         for g in range(assembly.groups):
             if not is_apart_from_group(run, c, g, own) and not list_members(run, c, e, g, own):
                 return False
@@ -263,7 +295,7 @@ def list_members(run: Run, c: int, e: int, g: int, own: int) -> bool:
         for k in range(assembly.leaves):
             leaf = assembly.first_leaf + k
             if run.leafs[leaf, FAMILY] != own:
-                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + other])
+                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + other], WIDE)
         if not is_apart(pattern):
             i, j = min(e, other), max(e, other)
             if not append(run, c, i * size - i * (i + 1) // 2 + j - i - 1, i, j):
@@ -280,8 +312,8 @@ def span_group(run: Run, c: int, g: int) -> None:
         for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
             place = run.members[run.leafs[leaf, BASE] + run.grouped[assembly.first_order + m]]
             moves = run.leafs[leaf, MOVES]
-            low = min(low, run.boxes[0, place] if moves else run.p[place])
-            high = max(high, run.boxes[1, place] if moves else run.p[place])
+            low = min(low, run.boxes[WIDE, place] if moves else run.p[place])
+            high = max(high, run.boxes[WIDE + 1, place] if moves else run.p[place])
         hull = assembly.first_hull + g * assembly.leaves + k
         run.hulls[0, hull], run.hulls[1, hull] = low, high
 

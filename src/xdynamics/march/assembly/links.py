@@ -19,7 +19,8 @@ from xdynamics.march.run import ALL, ENCLOSE, Run
 State = NDArray[Any]
 # of a leaf: its first member, what they are counted by, whether it moves, the place of its interval, 1 at a second end
 BASE, FAMILY, MOVES, TARGET, END = range(5)
-ASSEMBLY, LINK, FIRST, SECOND = range(4)  # of a candidate
+ASSEMBLY, LINK, FIRST, SECOND, NEAR = range(5)  # of a candidate; whether narrow boxes do not prove it apart
+WIDE, NARROW = 0, 2  # of the rows of boxes, the lower end of each
 
 pattern_at: Any = UNCOMPILED.__getitem__ if PLAINLY else run_at
 
@@ -71,13 +72,13 @@ def is_apart(pattern: Run) -> bool:
 
 
 @shared
-def bound_leaf(run: Run, pattern: Run, leaf: int, place: int) -> None:
-    """Give the bounds of one leaf, those of the box of a coordinate, or a parameter."""
+def bound_leaf(run: Run, pattern: Run, leaf: int, place: int, which: int) -> None:
+    """Give the bounds of one leaf, those of the wide or narrow box of a coordinate, or a parameter."""
     target = run.leafs[leaf, TARGET]
     if target >= 0:
         moves = run.leafs[leaf, MOVES]
-        pattern.under[target] = run.boxes[0, place] if moves else run.p[place]
-        pattern.over[target] = run.boxes[1, place] if moves else run.p[place]
+        pattern.under[target] = run.boxes[which, place] if moves else run.p[place]
+        pattern.over[target] = run.boxes[which + 1, place] if moves else run.p[place]
         pattern.flaws[target] = SMOOTH
 
 

@@ -22,7 +22,7 @@ from xdynamics.march.assembly.closed_links import (
     row_of,
 )
 from xdynamics.march.assembly.friction import margin
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, enclose_motion, gap_at, pattern_at, rate_at, touch
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NEAR, enclose_motion, gap_at, pattern_at, rate_at, touch
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import clears
 from xdynamics.march.log import MOST_SUBSTEPS
@@ -43,7 +43,8 @@ def find_first(run: Run) -> bool:
     piece.part, run.tallies[CLOSE] = 0, 0
     run.spans[FASTEST], run.spans[WHOLE_STEP] = max(fastest(run), run.greatest[0], held_back(run)), trial.h
     for k in range(run.tallies[COUNT]):
-        if closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
+        is_near = run.candidates[k, NEAR] == 1
+        if not is_near or closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
             continue
         pattern = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY]])
         enclose_motion(run, pattern, run.y, run.z, k, False)
