@@ -50,6 +50,10 @@ CLOSING = (
     "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
     "Values are a list (of lists), values = { label = … }, a table, or an expression of index(…), and at the start of parameters.",
     (
+        "The table of a relation has the columns first and second; each other column that forces use is declared as a parameter along"
+        ' the relation: k = { dims = ["spring"], table = "springs.csv", column = "k" }.'
+    ),
+    (
         "In Python they are arrays of numpy too, DataFrames in the place of tables, and DataArrays, which have their unit in the"
         " attribute units and may stand in any order of dimensions and labels: initial={'r': run.r.isel(step=-1)}."
     ),
