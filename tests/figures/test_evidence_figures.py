@@ -273,3 +273,14 @@ def test_a_comparison_draws_the_elements_that_part_farthest() -> None:
     assert len({*titles}) == 3
     assert titles[0].startswith(f"{order[0]}, second run minus first")
     assert titles[1].startswith("v_u[")
+
+
+def test_elements_of_a_sweep_share_a_panel() -> None:
+    """Assert one panel for the ends of eight elements and one for their velocities, a line for each, on one scale."""
+    table = xd.sweep(xd.Model.from_text(CHAIN), {"k": ["1 N m-1", "2 N m-1", "3 N m-1"]}, keep=["end", "maximum_u"])
+    drawn = panels(xd.plot(table))
+    assert {*drawn} - {"maximum_u"} == {"end_u", "end_v_u"}
+    assert all("_time" not in str(line.get_label()) for axes in drawn.values() for line in axes.lines)
+    lines = drawn["end_u"].lines
+    assert [line.get_label() for line in lines] == [f"end_u[{number}]" for number in range(8)]
+    assert (np.stack([line.get_ydata() for line in lines], -1) == table["end_u"].values).all()

@@ -18,6 +18,7 @@ from xdynamics.figures.transients import Transient, without
 from xdynamics.figures.vanishing import END_TIME, vanishing
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
+from xdynamics.shapes import parted
 from xdynamics.sweeping.collection import AXIS, NUMBER, axes_said, settings_said
 from xdynamics.sweeping.ensemble_analysis import numbers
 from xdynamics.sweeping.kept_quantities import EVENT_TIME
@@ -42,6 +43,7 @@ QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 BANDS = ("#dbe6f3", "#a9c4e2")
 BAD = "#c8452f"
 DASHES = ("-", "--", ":", "-.")
+LINE: Any = {"linewidth": 1.2, "markersize": 4}
 LARGE = 20_000  # members from which on points are small
 FEW_POINTS = 3000  # up to which points of a diagram are large
 
@@ -58,7 +60,10 @@ def panels_of(sweep: xr.Dataset, transient: Transient | None = None) -> list[Pan
     if len(wide) >= 2 and all(dim in sweep.coords for dim in wide[:2]):
         return [partial(_map, sweep, name, part, wide[:2]) for name, part in _parts(sweep, names, wide[:2])]
     if len(wide) == 1 and wide[0] in sweep.coords:
-        return [partial(_line, sweep, name, wide[0]) for name in names]
+        return [
+            partial(_line, sweep, group[0], wide[0]) if len(group) == 1 else partial(_elements, sweep, group, wide[0])
+            for group in _groups(sweep, names, wide[0])
+        ]
     if wide:
         return [partial(_drawn, sweep, name, wide[0]) for name in names]
     return [partial(_words, sweep, name) for name in names]
@@ -89,6 +94,42 @@ def _names(sweep: xr.Dataset, noise: Sequence[str]) -> list[str]:
     telling = [name for name in names if name not in noise and _varies(np.asarray(sweep[name]))]
     leading = [name for name in telling if not name.startswith("end_")]
     return [*leading, *(name for name in telling if name not in leading)] or names
+
+
+def _groups(sweep: xr.Dataset, names: list[str], dim: str) -> list[list[str]]:
+    """Group all elements of a quantity that has one value for each member along one axis; all else stands alone."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        whole, labels = parted(name)
+        groups.setdefault(whole if labels and sweep[name].dims == (dim,) else name, []).append(name)
+    # beside elements that vary, those that do not show by how little
+    every = [name for name in numbers(sweep) if not name.endswith("_time")]
+    return [
+        [each for each in every if parted(each)[0] == whole] if whole not in group else group
+        for whole, group in groups.items()
+    ]
+
+
+def _elements(sweep: xr.Dataset, names: list[str], dim: str, axes: Axes) -> None:
+    """Draw the elements of a quantity over one axis, all on one scale."""
+    shown = [names[k] for k in np.unique(np.linspace(0, len(names) - 1, min(len(names), MOST_LINES)).astype(int))]
+    x, whole = sweep[dim].values.astype(float), parted(names[0])[0]
+    for k, name in enumerate(shown):
+        axes.plot(
+            x,
+            sweep[name].values.astype(float),
+            marker="" if len(x) > 40 else ".",
+            linestyle=DASHES[k // len(COLOURS) % len(DASHES)],
+            color=COLOURS[k % len(COLOURS)],
+            label=words(name),
+            **LINE,
+        )
+        _mark_bad(axes, sweep, name, x)
+    axes.set(xlabel=_labelled(sweep, dim), ylabel=words(in_unit(whole, str(sweep[names[0]].attrs["units"]))))
+    axes.ticklabel_format(axis="y", useOffset=False)
+    left_out = f", {len(shown)} of {len(names)} elements" if len(shown) < len(names) else ""
+    axes.set_title(words(f"{whole}{left_out}"), loc="left", fontsize=10)
+    axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
 
 def _varies(values: Values) -> bool:
@@ -239,9 +280,8 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
                 marker="" if len(x) > 40 else ".",
                 linestyle=dashes,
                 color=colour,
-                linewidth=1.2,
-                markersize=4,
                 label=label,
+                **LINE,
             )
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
