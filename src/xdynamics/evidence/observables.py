@@ -118,7 +118,7 @@ def evaluated_whole(
 
     What a model with dimensions sums over many elements is evaluated as arrays.
     """
-    whole = _whole(run, model, name, times, rows)
+    whole = _whole_of(run, model, [name], times, rows)
     if whole is not None:
         values: Floats = whole.of_states(states)[0]
         return values
@@ -129,7 +129,7 @@ def rate_on(
     run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
 ) -> Floats:
     """Evaluate the rate of one recorded quantity along the motion, in SI units; see `evaluated_whole`."""
-    whole = _whole(run, model, name, times, rows)
+    whole = _whole_of(run, model, [name], times, rows)
     rates = None if whole is None else whole.rates(states)
     if rates is not None:
         along: Floats = rates[0]
@@ -137,9 +137,22 @@ def rate_on(
     return evaluated_on(run, model, [model.rate_of(tree_of(model, name))], states, times, rows)[0]
 
 
-def _whole(run: xr.Dataset, model: Model, name: str, times: Floats, rows: Rows) -> ObservedQuantities | None:
+def state_rates(
+    run: xr.Dataset, model: Model, states: Mapping[str, Floats], times: Floats, rows: Rows
+) -> dict[str, Floats] | None:
+    """Evaluate the rates of all variables along the motion, in SI units over seconds.
+
+    None where they are to be evaluated one by one: see `ObservedQuantities`.
+    """
+    whole = _whole_of(run, model, (), times, rows)
+    return None if whole is None else whole.state_rates(states)
+
+
+def _whole_of(
+    run: xr.Dataset, model: Model, names: Sequence[str], times: Floats, rows: Rows
+) -> ObservedQuantities | None:
     regimes = run.variables["regime"].values[rows].astype(float) if "regime" in run.variables else np.zeros(rows.size)
-    return ObservedQuantities.of(model, [name], times, regimes, kept_set(run.attrs.get("math_functions")))
+    return ObservedQuantities.of(model, names, times, regimes, kept_set(run.attrs.get("math_functions")))
 
 
 @lru_cache(maxsize=512)

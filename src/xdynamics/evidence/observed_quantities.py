@@ -21,7 +21,7 @@ from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
 from xdynamics.model.reactions import reactions
-from xdynamics.model.whole import has_wholes, motion_of_wholes
+from xdynamics.model.whole import Quantity, has_wholes, motion_of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
@@ -116,17 +116,45 @@ class ObservedQuantities:
             return None
         found = []
         for part, here in self._parts():
-            values = {**given, **here.values_in_si(here.gathered(states, part))}
-            shapes = replace(
-                here.all_shapes, dims={**here.all_shapes.dims, **{one: (*dims, AT) for one, dims, _ in motion}}
-            )
-            for name, dims, tree in motion:
-                values[name] = evaluate_elements(tree, (*dims, AT), values, shapes, AT)
+            values, shapes = here.along_motion(motion, given, here.gathered(states, part))
             trees = {name: rate_of(self.model, name) for name in self._wholes}
             own = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
             rates = {name: evaluate_elements(tree, own[name], values, shapes, AT) for name, tree in trees.items()}
             found.append(here.chosen({name: numbers.reshape(-1, here.count) for name, numbers in rates.items()}))
         return np.concatenate(found, axis=1)
+
+    def state_rates(self, states: Mapping[str, Floats]) -> dict[str, Floats] | None:
+        """Evaluate the rates of all elements of the state, at states in recorded units, in SI units; None as in `rates`."""
+        if self.model.python_functions:
+            return None
+        motion = motion_of_wholes(self.model)
+        given = given_to(self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion])
+        if given is None:
+            return None
+        of_block = {velocity(name): acceleration(name) for name in self.model.shaped.coordinates}
+        of_block |= {name: velocity(name) for name in self.model.shaped.coordinates}
+        of_block |= {name: rate(name) for name in self.model.shaped.states}
+        blocks = layout_of(self.model).used.blocks
+        names = {block.name: [*block.elements()] if block.dims else [block.name] for block in blocks}
+        found: dict[str, list[Floats]] = {name: [] for elements in names.values() for name in elements}
+        for part, here in self._parts():
+            values, _ = here.along_motion(motion, given, here.gathered(states, part))
+            for block in blocks:
+                numbers = np.reshape(values[of_block[block.name]], (-1, here.count))
+                for name, row in zip(names[block.name], numbers, strict=True):
+                    found[name].append(row)
+        return {name: np.concatenate(rows) for name, rows in found.items()}
+
+    def along_motion(
+        self, motion: Sequence[Quantity], given: Mapping[str, Floats | float], states: Mapping[str, Floats]
+    ) -> tuple[dict[str, Floats | float], Shapes]:
+        """Return forces, accelerations and rates beside what they are of, in SI units, and the shapes of all."""
+        values = {**given, **self.values_in_si(states)}
+        known = {**self.all_shapes.dims, **{name: (*dims, AT) for name, dims, _ in motion}}
+        shapes = replace(self.all_shapes, dims=known)
+        for name, dims, tree in motion:
+            values[name] = evaluate_elements(tree, (*dims, AT), values, shapes, AT)
+        return values, shapes
 
     def _parts(self) -> Iterator[tuple[slice, ObservedQuantities]]:
         """Yield some states after the other, whose links and elements take some megabytes."""

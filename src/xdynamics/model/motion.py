@@ -342,13 +342,19 @@ def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
     """Return the assignments of the motion that expressions without definitions depend on, in order."""
     needed = set().union(*(free_names(item) for item in wanted))
     assignments: list[Assignment] = []
-    if needed.isdisjoint(_assigned(model)):
+    if needed <= _given(model) or needed.isdisjoint(_assigned(model)):
         return assignments
     for item in reversed(motion(model)):
         if item.name in needed:
             assignments.append(item)
             needed |= {*item.value.arguments} if isinstance(item.value, Function) else free_names(item.value)
     return assignments[::-1]
+
+
+@lru_cache(maxsize=64)
+def _given(model: Model) -> frozenset[str]:
+    """Name what the motion never assigns: it need not be written to know that, which takes long for many bodies."""
+    return frozenset(("t", REGIME_NUMBER, *variables(model), *model.parameters, *CONSTANTS, "pi"))
 
 
 @lru_cache(maxsize=512)

@@ -15,7 +15,7 @@ from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.diagnosing.cycles import Cycles
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.observables import comparable, evaluated_on, tree_of
+from xdynamics.evidence.observables import comparable, evaluated_on, evaluated_whole
 from xdynamics.expressions import Binary, Name, Node, dimension_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -72,14 +72,17 @@ class _Watched:
     ----------
     name : str
         Of its column; empty if it has none.
-    tree : Node or None
-        By which it is computed from states, where that is known.
+    tree : Node, optional
+        Of one without a column, by which it is computed from states.
+    is_computed : bool
+        Whether it is known at states between rows.
     factor : float
         Of its column's unit.
     """
 
     name: str
-    tree: Node | None
+    tree: Node | None = None
+    is_computed: bool = True
     factor: float = 1.0
 
     def on(self, run: xr.Dataset, model: Model, rows: Rows) -> Floats:
@@ -88,11 +91,19 @@ class _Watched:
             recorded: Floats = np.asarray(run.variables[self.name])[rows] * self.factor
             return recorded
         states = {name: run.variables[name].values[rows] for name in self.read(model)}
-        return evaluated_on(run, model, [self.tree], states, run.variables["time"].values[rows], rows)[0]  # type: ignore[list-item]
+        return self.at_states(run, model, states, run.variables["time"].values[rows], rows)
+
+    def at_states(
+        self, run: xr.Dataset, model: Model, states: Mapping[str, Floats], times: Floats, rows: Rows
+    ) -> Floats:
+        """Return the quantity at states inside steps, in SI units."""
+        if self.tree is None:
+            return evaluated_whole(run, model, self.name, states, times, rows)
+        return evaluated_on(run, model, [self.tree], states, times, rows)[0]
 
     def read(self, model: Model) -> list[str]:
         """Return the coordinates, velocities and states that its tree reads: of a momentum a few, of others maybe all."""
-        read = model.units if self.name or self.tree is None else model.reads(self.tree)
+        read = model.units if self.tree is None else model.reads(self.tree)
         return [name for name in read if name in model.units]
 
 
@@ -104,11 +115,9 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
         times = counted.times.tolist()
         cycles = [_Cycle(rows, begin, end, functions) for begin, end in (times[:2], times[-2:])]
     for name in with_roles(run, BANDED):
-        units, tree = (
-            parse_unit(str(run.variables[name].attrs["units"])),
-            tree_of(model, name) if name in observables else None,
-        )
-        drift, rule = _drift(rows, _Watched(name, tree, float(units.factor)), cycles)
+        units = parse_unit(str(run.variables[name].attrs["units"]))
+        watched = _Watched(name, is_computed=name in observables, factor=float(units.factor))
+        drift, rule = _drift(rows, watched, cycles)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
         yield key, ((), drift / float(units.factor), about(units.text, f"{name}: {rule}", ROLE))
     coordinates = list(model.coordinates)
@@ -169,13 +178,13 @@ class _Cycle:
     def mean(self, watched: _Watched) -> float:
         """Return the mean over time, by the trapezoidal rule over accepted states and states between them."""
         run, model, time, times = self._run, self._model, self._time, self._times
-        if watched.tree is None:
+        if not watched.is_computed:
             between = np.interp(times, time, watched.on(run, model, np.arange(time.size)))
             numbers = np.searchsorted(time, times, side="right") - 1
         else:
             states = {name: self._between.variables[name].values for name in watched.read(model)}
             numbers = self._between.variables["row"].values
-            (between,) = evaluated_on(run, model, [watched.tree], states, times, numbers)
+            between = watched.at_states(run, model, states, times, numbers)
         inner = self._inner
         order = np.lexsort((np.concatenate([numbers + 0.5, inner]), np.concatenate([times, time[inner]])))
         values = watched.on(run, model, inner)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,14 +12,12 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.evidence.chunks import Chunks
+from xdynamics.evidence.diagnosing.states_inside import MOST_NAMES, QuantitiesInside, StatesInside, column, parts_of
 from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
-from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
+from xdynamics.evidence.observed_quantities import widest
 from xdynamics.evidence.stored_columns import RowRange
-from xdynamics.expressions import Node
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import read_by
 from xdynamics.reaction_names import contact_force, friction_force
 from xdynamics.units import parse_unit
 
@@ -39,7 +35,7 @@ RULES = ("sampled", "interpolated", "located")
 SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
 RULE_SAID = "an accepted state, a state between, or one at an event"
 DOUBT_SAID = "what interpolation may have {} off; the error of the integration is not in it"
-MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
+MOST_NUMBERS = 1 << 24  # of states inside steps of a model with dimensions, above which accepted ones alone are used
 
 
 class Extreme(NamedTuple):
@@ -77,6 +73,9 @@ def extremes(
     between, on which forces, contact forces, energies and observables are evaluated; see `summits`. If a force is
     written in Python, only accepted states are used, except for states that steps integrate: the uncertainty is then
     how far the parabola through the largest value and its neighbours rises above it.
+
+    Of models with dimensions these are used too where the states between, with all links and elements of each, have more than
+    16 million numbers; the uncertainty is then no less than how far tangents at accepted states meet above them.
     """
     rows = Chunks.of(run, functions)
     found = [_Heights(name, sign) for name, sign in wanted]
@@ -84,17 +83,23 @@ def extremes(
         for heights in found:
             heights.rise(part)
     near, places = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
-    quantities = _Quantities(
+    quantities = QuantitiesInside(
         near, rows.model, [name for name, _ in wanted], [_factor(rows.run, name) for name, _ in wanted]
     )
     searches = _begun(rows, quantities, found, places)
     inside: Inside | None = None
     while True:
         times = [search.places() for _, search in searches]
-        if not any(item.size for item in times):
+        asked = sum(item.size for item in times)
+        if not asked:
+            break
+        if inside is None and rows.model.shapes.dims and asked * _numbers(rows.model) > MOST_NUMBERS:
+            searches = [
+                (_accepted(heights, search), search) for heights, (_, search) in zip(found, searches, strict=True)
+            ]
             break
         inside = inside or Inside.of(near, functions, REINTEGRATE)
-        states = _States.inside(
+        states = StatesInside.inside(
             rows.model, inside.at(np.concatenate(times), after=False), [item.size for item in times]
         )
         values = quantities.values(states, states.variables)
@@ -105,125 +110,13 @@ def extremes(
     between_rows = np.array([result.rule == INTERPOLATED for result in results])
     if inside is not None and between_rows.any():
         ends = inside.at(np.array([result.time for result in results if result.rule == INTERPOLATED]), after=False)
-        states = _States.inside(rows.model, ends, [int(is_between) for is_between in between_rows])
+        states = StatesInside.inside(rows.model, ends, [int(is_between) for is_between in between_rows])
         errors = quantities.errors(states, quantities.values(states, states.variables))
         results = [
             result._replace(uncertainty=float(off[0])) if off.size else result
             for result, off in zip(results, errors, strict=True)
         ]
     return results
-
-
-@dataclass(frozen=True)
-class _States:
-    """States inside steps, of several quantities one after the other.
-
-    Attributes
-    ----------
-    variables, errors : mapping of str to ndarray, shape (k,)
-        What steps integrate, and its error by interpolation, in recorded units.
-    times : ndarray, shape (k,), s
-    rows : ndarray of int, shape (k,)
-        From which each step starts.
-    parts : list of slice
-        Of each quantity.
-    """
-
-    variables: Mapping[str, Floats]
-    errors: Mapping[str, Floats]
-    times: Floats
-    rows: Rows
-    parts: list[slice]
-
-    @classmethod
-    def inside(cls, model: Model, states: xr.Dataset, sizes: Sequence[int]) -> _States:
-        """Take what was interpolated or marched, so many states for each quantity."""
-        variables = {name: _column(states, name) for name in model.units}
-        errors = {name: _column(states, schema.error(name)) for name in model.units}
-        return cls(variables, errors, _column(states, schema.AT_TIME), _column(states, "row"), _parts(sizes))
-
-    def moved(self, name: str) -> Mapping[str, Floats]:
-        """Return the variables with one of them off by its error."""
-        return {**self.variables, name: self.variables[name] + self.errors[name]}
-
-
-def _parts(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(*pair) for pair in pairwise(ends)]
-
-
-@dataclass
-class _Quantities:
-    """Recorded quantities on states inside steps: what several of them read is evaluated once.
-
-    Attributes
-    ----------
-    run : xarray.Dataset
-    model : Model
-    names : list of str
-    factors : list of float
-        SI units in the unit of each.
-    """
-
-    run: xr.Dataset
-    model: Model
-    names: list[str]
-    factors: list[float]
-    _read: dict[tuple[int, ...], list[Assignment]] = field(default_factory=dict)  # by an expression list and its places
-
-    @cached_property
-    def _trees(self) -> list[Node | None]:
-        return [None if name in self.model.units else tree_of(self.model, name) for name in self.names]
-
-    @cached_property
-    def _rate_trees(self) -> list[Node | None]:
-        return [rate_tree(self.model, name) for name in self.names]
-
-    def values(self, states: _States, variables: Mapping[str, Floats]) -> list[Floats]:
-        """Return each quantity on its part of the states, for these variables."""
-        found = self._evaluated(self._trees, states, variables)
-        return [
-            variables[name][part] if value is None else value
-            for name, value, part in zip(self.names, found, states.parts, strict=True)
-        ]
-
-    def rates(self, states: _States, values: Sequence[Floats]) -> list[Floats]:
-        """Return the rate of each; its own value where none is known."""
-        found = self._evaluated(self._rate_trees, states, states.variables)
-        return [value if rate is None else rate for value, rate in zip(values, found, strict=True)]
-
-    def errors(self, states: _States, values: Sequence[Floats]) -> list[Floats]:
-        """Return how far the errors of the variables move each."""
-        totals = [np.zeros(value.shape) for value in values]
-        for variable in (name for name in self.model.units if states.errors[name].any()):
-            moved = self.values(states, states.moved(variable))
-            totals = [total + np.abs(off - value) for total, off, value in zip(totals, moved, values, strict=True)]
-        return [
-            np.abs(states.errors[name][part]) if name in self.model.units else total
-            for name, total, part in zip(self.names, totals, states.parts, strict=True)
-        ]
-
-    def _evaluated(
-        self, trees: list[Node | None], states: _States, variables: Mapping[str, Floats]
-    ) -> list[Floats | None]:
-        """Evaluate each expression on its part, if it has any states; None where there is no expression."""
-        results: list[Floats | None] = [None if tree is None else np.zeros(0) for tree in trees]
-        known = [
-            (k, tree, part)
-            for k, (tree, part) in enumerate(zip(trees, states.parts, strict=True))
-            if tree is not None and part.start < part.stop
-        ]
-        if not known:
-            return results
-        places, some, parts = zip(*known, strict=True)
-        key = (id(trees), *places)
-        if key not in self._read:
-            self._read[key] = read_by(self.model, some)
-        read = self._read[key]
-        found = evaluated_on(self.run, self.model, some, variables, states.times, states.rows, parts, read)
-        for k, value in zip(places, found, strict=True):
-            results[k] = value / self.factors[k]
-        return results
 
 
 @dataclass
@@ -251,6 +144,13 @@ class _Heights:
     values: Floats = field(default_factory=lambda: np.zeros((3, 0)))
     times: Floats = field(default_factory=lambda: np.zeros((3, 0)))
 
+    def accepted(self) -> Extreme:
+        """Return the best accepted state, which a parabola through its neighbours may exceed."""
+        top, time, kind = self.best
+        at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
+        rule, above = (LOCATED, 0.0) if at_event else (SAMPLED, self.above)
+        return Extreme(self.sign * top, time, rule, above)
+
     def rise(self, part: RowRange) -> None:
         """Take further rows."""
         values, time = part.columns[self.name], part.columns["time"]
@@ -276,26 +176,35 @@ class _Heights:
 
 
 def _begun(
-    rows: Chunks, quantities: _Quantities, found: Sequence[_Heights], places: Rows
+    rows: Chunks, quantities: QuantitiesInside, found: Sequence[_Heights], places: Rows
 ) -> list[tuple[Extreme, Summits]]:
     """Return the best accepted states, and the searches of the steps around each hump, whose rows are at these places."""
     sizes = [heights.rows.size for heights in found]
-    states = {variable: _column(quantities.run, variable)[places] for variable in rows.model.units}
+    distinct, inverse = np.unique(places, return_inverse=True)
+    at_rows = {variable: column(quantities.run, variable)[distinct] for variable in rows.model.units}
+    wholes = quantities.of_wholes(at_rows, column(quantities.run, "time")[distinct], distinct)
+    if wholes is not None:
+        chosen = zip(found, parts_of(sizes), strict=True)
+        return [_search(rows, heights, wholes[heights.name][inverse[part]]) for heights, part in chosen]
+    states = {variable: column(quantities.run, variable)[places] for variable in rows.model.units}
     times = np.concatenate([heights.times.ravel() for heights in found])
     unknown = [np.zeros(0)] * len(found)
-    rates = quantities.rates(_States(states, {}, times, places, _parts(sizes)), unknown)
+    rates = quantities.rates(StatesInside(states, {}, times, places, parts_of(sizes)), unknown)
     return [_search(rows, heights, rate) for heights, rate in zip(found, rates, strict=True)]
+
+
+def _numbers(model: Model) -> int:
+    """Count the numbers that one state inside a step takes: its values, their errors, all links."""
+    return 2 * len(model.units) + widest(model)
 
 
 def _search(rows: Chunks, heights: _Heights, rates: Floats) -> tuple[Extreme, Summits]:
     """Return the best accepted state, and the search of the steps around each hump; without rates where none are known."""
     name, sign = heights.name, heights.sign
-    top, time, kind = heights.best
-    at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
-    best = Extreme(sign * top, time, LOCATED if at_event else SAMPLED, 0.0)
+    best = heights.accepted()._replace(uncertainty=0.0)
     values, times = heights.values, heights.times
     if rows.run.variables[name].attrs["role"] not in STATES and (rows.model.python_functions or rows.model.delays):
-        best = best._replace(uncertainty=0.0 if at_event else heights.above)
+        best = heights.accepted()
         values, times = values[:, :0], times[:, :0]
     # the rows of a hump, one after the other
     middles = 1 + 3 * np.arange(values.shape[1])
@@ -313,6 +222,12 @@ def _search(rows: Chunks, heights: _Heights, rates: Floats) -> tuple[Extreme, Su
     return best, search
 
 
+def _accepted(heights: _Heights, search: Summits) -> Extreme:
+    """Return the best accepted state, and how far parabola and tangents exceed it."""
+    best = heights.accepted()
+    return best._replace(uncertainty=max(best.uncertainty, search.open_height))
+
+
 def _settled(best: Extreme, search: Summits) -> Extreme:
     """Return the result of the search if it is better than the best accepted state, which is returned otherwise."""
     value, time = float(search.best[0]), float(search.when[0])
@@ -327,17 +242,12 @@ def between(
     run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
 ) -> tuple[Floats, Floats]:
     """Return a quantity at times inside steps, and its error by the interpolation of the state."""
-    states = _States.inside(
+    states = StatesInside.inside(
         model, sampled(run, times, after=False, rule=REINTEGRATE, functions=functions), [times.size]
     )
-    quantity = _Quantities(run, model, [name], [_factor(run, name)])
+    quantity = QuantitiesInside(run, model, [name], [_factor(run, name)])
     values = quantity.values(states, states.variables)
     return values[0], quantity.errors(states, values)[0]
-
-
-def _column(states: xr.Dataset, name: str) -> Any:
-    """Return a variable's numbers: a DataArray made of it first takes many times as long."""
-    return np.asarray(states.variables[name].values)
 
 
 def beyond(values: Floats, time: Floats, row: int) -> float:

@@ -64,6 +64,11 @@ class Summits:
         """The member of each place."""
         return np.concatenate([self.members, np.tile(self.blind, LOOKS)])
 
+    @property
+    def open_height(self) -> float:
+        """How far tangents at the ends of a bracket meet above the best of all, where one member is searched; at least 0."""
+        return float(np.max(self._meeting()[1] - self.sign * self.best[self.members], initial=0.0))
+
     def places(self) -> Floats:
         """Return the times to evaluate next; none when the search is over."""
         low, high = self.ends
