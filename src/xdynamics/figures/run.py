@@ -378,12 +378,12 @@ def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
 
 
 def _by_axis(names: list[str]) -> list[list[str]]:
-    """Part many elements by the last of several dimensions, where that has few."""
+    """Part many elements by the last of several dimensions, where that has few and each part is still a map."""
     parts: dict[str, list[str]] = {}
     for name in names:
         labels = parted(name)[1]
         parts.setdefault(labels[-1] if len(labels) > 1 else "", []).append(name)
-    is_many = len(names) > line_panels.MOST_LINES
+    is_many = min(map(len, parts.values())) > line_panels.MOST_LINES
     return [*parts.values()] if is_many and len(parts) < lattice.FEWEST_ELEMENTS else [names]
 
 
