@@ -129,6 +129,8 @@ _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that ar
 
 def _value(value: Any) -> str:
     """Print one TOML value; a text of several lines is kept as it is, in a literal block."""
+    if type(value) is float:  # first of all: of those there may be very many
+        return decimal_text(value)
     if isinstance(value, str):
         printable = all(" " <= item != "\x7f" or item in "\n\t" for item in value)
         if "\n" in value and "'''" not in value and not value.endswith("'") and printable:
