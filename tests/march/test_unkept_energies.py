@@ -8,6 +8,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.kernels.law import law_of
+from xdynamics.kernels.model_programs import row
 from xdynamics.march.configuration import settings_for
 
 CLUSTER = """
@@ -76,6 +77,9 @@ def test_energies_that_are_not_recorded_are_not_computed() -> None:
     texts = [law_of(layout, sampled=False, energies=energies).text() for energies in (True, False)]
     assert texts[0].count("fdiv") > texts[1].count("fdiv")
     assert "total_energy" not in law_of(layout, sampled=False, energies=False).text()
+    whole, without = (row(layout, 0, energies=energies).sound for energies in (True, False))
+    assert whole is not None
+    assert without == (whole[0] + 3, whole[1] - 3)  # what is not written is not judged
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered")  # of laws that are not compiled
