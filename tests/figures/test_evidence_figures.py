@@ -284,3 +284,18 @@ def test_elements_of_a_sweep_share_a_panel() -> None:
     lines = drawn["end_u"].lines
     assert [line.get_label() for line in lines] == [f"end_u[{number}]" for number in range(8)]
     assert (np.stack([line.get_ydata() for line in lines], -1) == table["end_u"].values).all()
+
+
+def test_elements_of_a_sweep_over_two_axes_share_a_panel() -> None:
+    """Assert four maps of eight elements with their numbers on one scale in one panel, and what is left out."""
+    axes_of = {"k": ["1 N m-1", "2 N m-1", "3 N m-1"], "until": ["0.5 s", "1 s"]}
+    table = xd.sweep(xd.Model.from_text(CHAIN), axes_of, keep=["end"])
+    figure = xd.plot(table)
+    titles = [axes.get_title(loc="left").strip() for axes in figure.axes if axes.get_title(loc="left")]
+    assert titles == ["end_u, 4 of 8 elements", "end_v_u, 4 of 8 elements"]
+    assert "k (N m⁻¹)" in {axes.get_xlabel() for axes in figure.axes}
+    maps = {axes.get_title(): axes.collections[0] for axes in figure.axes if axes.get_title()}
+    for number in (0, 2, 5, 7):
+        drawn = maps[f"end_u[{number}]"]
+        assert (drawn.get_array() == table["end_u"].values[..., number].T).all()
+        assert drawn.get_clim() == maps["end_u[0]"].get_clim()

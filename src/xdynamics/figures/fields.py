@@ -11,7 +11,7 @@ import xarray as xr
 
 from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
 from xdynamics.figures.line_panels import colour_bar, colours
-from xdynamics.figures.marks import at_time, in_unit, typeset, words
+from xdynamics.figures.marks import at_time, in_unit, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Extent, Shapes
 
@@ -57,7 +57,7 @@ def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], s
         part.tick_params(labelsize=7)
         _name_elements(part.xaxis, shapes.extent(dims[0]), dims[0], is_named=k == len(rows) // 2)
         _name_elements(part.yaxis, shapes.extent(dims[1]), dims[1], is_named=k == 0)
-    colour_bar(mesh, in_unit(words(name), typeset(str(run.variables[names[0]].attrs["units"]))), parts[-1])
+    colour_bar(mesh, in_unit(words(name), str(run.variables[names[0]].attrs["units"])), parts[-1])
     # above the line that says when
     parts[0].set_title(
         words(f"{name} over {dims[0]} and {dims[1]}, at recorded states") + "\n", loc="left", fontsize=10

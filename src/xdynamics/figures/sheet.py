@@ -103,8 +103,9 @@ def sheet(
         axes.grid(color=rcParams["grid.color"], linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         draw(axes)
-        for axis in (axis for part in (axes, *axes.child_axes) for axis in (part.xaxis, part.yaxis)):
-            axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
+    every = [part for axes in figure.axes for part in (axes, *axes.child_axes)]
+    for axis in (axis for part in every for axis in (part.xaxis, part.yaxis)):
+        axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")

@@ -1,0 +1,63 @@
+"""Numbers of a sweep over random draws, and over words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.figures.marks import COLOURS, label_time, words
+from xdynamics.figures.sweep_labels import labelled
+from xdynamics.schema import AT, AT_TIME
+from xdynamics.sweeping.collection import AXIS
+from xdynamics.sweeping.members import OUTCOME
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+BANDS = ("#dbe6f3", "#a9c4e2")
+
+
+def of_draws(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
+    """Draw random members: bands of quantiles over times, otherwise a histogram."""
+    number = sweep[name].stack(members=[str(each) for each in sweep[OUTCOME].dims])
+    if AT in number.dims and sweep.sizes[AT] > 1:
+        times, values = sweep[AT_TIME].values, number.transpose(AT, "members").values
+        low, lower, middle, upper, high = np.nanquantile(values, QUANTILES, axis=1)
+        axes.fill_between(times, low, high, color=BANDS[0], label="95 %")
+        axes.fill_between(times, lower, upper, color=BANDS[1], label="50 %")
+        axes.plot(times, middle, color=COLOURS[0], linewidth=1.2, label="median")
+        label_time(axes, sweep[AT_TIME])
+        axes.set(ylabel=labelled(sweep, name))
+        axes.legend(fontsize=7, frameon=False)
+    else:
+        values = number.values.astype(float).ravel()
+        finite = values[np.isfinite(values)]
+        axes.hist(
+            finite, bins=min(60, max(5, int(np.sqrt(finite.size)))), color=BANDS[1], edgecolor="white", linewidth=0.4
+        )
+        low, _, middle, _, high = np.quantile(finite, QUANTILES).tolist() if finite.size else [np.nan] * 5
+        axes.axvline(middle, color=COLOURS[0], linewidth=1.0, label="median")
+        axes.axvline(low, color=COLOURS[0], linewidth=1.0, linestyle="--", label="95 % between")
+        axes.axvline(high, color=COLOURS[0], linewidth=1.0, linestyle="--")
+        axes.set_axisbelow(True)
+        if finite.size:
+            axes.legend(fontsize=7, frameon=False)
+        axes.set(xlabel=labelled(sweep, name), ylabel="members")
+    drawn = ", ".join(str(key) for key, each in sweep.variables.items() if each.attrs.get(AXIS) == dim)
+    axes.set_title(words(f"{name}, {sweep.sizes[dim]} draws of {drawn}"), loc="left", fontsize=10)
+
+
+def of_words(sweep: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw a number of each word."""
+    number = sweep[name].stack(members=[str(axis) for axis in sweep[OUTCOME].dims])
+    while number.ndim > 1:
+        number = number.isel({next(dim for dim in number.dims if dim != "members"): 0})
+    labels = [" ".join(map(str, at if isinstance(at, tuple) else (at,))) for at in number["members"].values.tolist()]
+    axes.plot(number.values.astype(float), np.arange(len(labels)), "o", color=COLOURS[0], markersize=4)
+    axes.set_yticks(np.arange(len(labels)), [words(label) for label in labels], fontsize=7)
+    axes.invert_yaxis()
+    axes.set(xlabel=labelled(sweep, name))
+    axes.set_title(words(name), loc="left", fontsize=10)
