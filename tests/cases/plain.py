@@ -70,6 +70,7 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
     run.plan[0].end, run.plan[0].most_steps = 10.0, 1e6
     if "law" not in arrays:
         run.put(law=law_of(*[kept] * 7))
+    run.base[0].room = run.log_samples.shape[1]
     run.now[0].on_grid, run.now[0].status, run.now[0].rows = 1, -1, 1
     return run
 

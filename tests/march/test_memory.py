@@ -16,7 +16,7 @@ from cases.problems import MODELS
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.engine import engine
-from xdynamics.march.log import allocate
+from xdynamics.march.log import LOG_COUNTS, allocate
 from xdynamics.march.memory import arrays_of, put_back
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -40,8 +40,7 @@ def march_of(method: str, kind: str) -> March:
 def marched(march: March, first: int = 1 << 40) -> bytes:
     """March into a log that holds all; return the bytes of the log from a row on, and of the end."""
     log = allocate(march.layout, 20_000, sampled=int(march.run.plan[0].samples))
-    for name in log.base.dtype.names:
-        log.base[name] = march.run.now[name]
+    log.follow(*(int(march.now[name]) for name in LOG_COUNTS))
     log.lend(march.run)
     engine().march(march.run, first)
     return logged(march, log) + bytes_of(march)
@@ -54,7 +53,7 @@ def bytes_of(march: March) -> bytes:
 
 def logged(march: March, log: Any) -> bytes:
     """Return the bytes of the log's rows."""
-    counts = [int(march.now[name] - log.base[0][name]) for name in ("rows", "trials", "events", "samples")]
+    counts = [int(march.now[name] - log.base[0][name]) for name in LOG_COUNTS]
     parts = (log.rows[:, : counts[0]], log.trials[: counts[1]], log.events[: counts[2]], log.samples[:, : counts[3]])
     return b"".join(np.ascontiguousarray(part.T).tobytes() for part in parts)
 

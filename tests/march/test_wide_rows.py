@@ -52,8 +52,9 @@ def test_numbers_of_a_row_stand_side_by_side() -> None:
         march = March(model, settings_for(model, method="velocity_verlet", step="0.1 s", until="1 s"))
         for block in march.blocks():
             assert block.log.rows.shape[1] > 10
-            assert block.log.rows.flags["F_CONTIGUOUS"] is (order == "F")
-            assert block.log.rows.flags["C_CONTIGUOUS"] is (order == "C")
+            for table in (block.log.rows, block.log.samples):
+                assert table.flags["F_CONTIGUOUS"] is (order == "F")
+                assert table.flags["C_CONTIGUOUS"] is (order == "C")
 
 
 @pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)

@@ -25,6 +25,7 @@ _WIDEST = 1 << 17  # columns from which a row more is a megabyte
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
 OF_CLOSED = 6  # numbers of a closed link in a row: the row, its number, gap, force, residual of it, and friction
+LOG_COUNTS = (BASE.names or ())[:-1]  # of what is in a log
 PIECES = 128  # of a table that one flag distinguishes
 MOST_SUBSTEPS = 200  # of one event's bracket, for which halving alone needs 60, and of the event search in a step
 
@@ -32,7 +33,7 @@ MOST_SUBSTEPS = 200  # of one event's bracket, for which halving alone needs 60,
 class Log(NamedTuple):
     """Blocks of a log; a column of the record is one row of `rows` and `samples`, so that it is contiguous.
 
-    Rows of many numbers of a model with dimensions stand one after the other instead, in Fortran's order: each number in
+    `base` has the numbers of rows and so on before it, and the room for samples. Rows of many numbers of a model with dimensions stand one after the other instead, in Fortran's order: each number in
     a page of its own is two thirds of the time of a step.
     """
 
@@ -50,6 +51,10 @@ class Log(NamedTuple):
     def named(self) -> dict[str, NDArray[Any]]:
         """Return its arrays by the names that a run has for them."""
         return {f"log_{name}" if name != "base" else name: array for name, array in self._asdict().items()}
+
+    def follow(self, *counts: int) -> None:
+        """Have it filled from its beginning, behind so many rows, trials, events and samples."""
+        self.base[0], self.links[:] = (*counts, self.base[0]["room"]), 0
 
     def lend(self, run: Run) -> None:
         """Have a run write to this log from now on."""
@@ -123,14 +128,14 @@ def has_room(run: Run) -> bool:
         and now.events - base.events + events + 2 * run.plan[0].together <= run.log_events.shape[0]
         and (run.plan[0].assemblies == 0 or has_room_for_links(run))
         and (run.delays.shape[0] == 0 or has_room_for_past(run))
-        and (now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1] or leaves_samples(run))
+        and (now.samples - base.samples + run.plan[0].samples + 2 <= base.room or leaves_samples(run))
     )
 
 
 @compiled
 def leaves_samples(run: Run) -> bool:
     """Whether force samples are counted and not kept, since no column of the record shows them."""
-    return run.log_samples.shape[1] == 0
+    return run.base[0].room == 0
 
 
 @compiled
@@ -268,17 +273,24 @@ def allocate(
     if links:
         closed = rows * min(links, layout.coordinates.size) + 6 * links
         rest = _pages((OF_CLOSED, closed), np.float64), np.zeros(1, np.int64)
+    base = np.zeros(1, BASE)
+    base["room"] = samples
     return Log(
-        np.zeros(1, BASE),
-        np.empty((rows, layout.row.size)).T if by_rows else _pages((layout.row.size, rows), np.float64),
+        base,
+        _table(layout.row.size, rows, by_rows=by_rows),
         _pages((layout.flags, rows), np.int8),
-        _pages((layout.sample.size, samples), np.float64),
+        _table(layout.sample.size, samples, by_rows=by_rows),
         np.empty(trials, TRIAL_ROW),
         np.empty(event_rows, EVENT_ROW),
         np.empty((len(layout.followed), event_rows)),
         np.empty((_acting(layout), event_rows)),
         *rest,
     )
+
+
+def _table(numbers: int, rows: int, *, by_rows: bool) -> NDArray[np.float64]:
+    """Return room for rows; where numbers of a row stand side by side, rows that are not written take no memory."""
+    return np.empty((rows, numbers)).T if by_rows else _pages((numbers, rows), np.float64)
 
 
 def is_wide(layout: Layout) -> bool:

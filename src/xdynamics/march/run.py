@@ -129,8 +129,8 @@ EVENT_ROW = row_of(
     "row_before row_after detector kind direction substeps link",
 )
 NO_LINK = -1  # of an event that is of no contact of many links
-# The counts of `NOW` at the log's first row.
-BASE = row_of("", "rows trials events samples")
+# The counts of `NOW` at the log's first row, and how many samples the log has room for.
+BASE = row_of("", "rows trials events samples room")
 
 Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
 Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
@@ -327,7 +327,7 @@ class Run:
     functions: Address[Whole]  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
     base: Log[Bases]  # the counts of `now` at the log's first row
     log_flags: Log[Flags]  # kind, regime
-    log_samples: Log[Columns]  # `Layout.sample`: time, step, stage, state, results
+    log_samples: Log[LogRows]  # `Layout.sample`: time, step, stage, state, results
     log_trials: Log[TrialRows]
     log_events: Log[EventRows]
     log_rates: Log[Columns]  # of observables at the events
@@ -346,8 +346,7 @@ class Run:
         shared = (Lifetime.GIVEN, Lifetime.ADDRESS)
         names = [name for name, array in ARRAYS.items() if array.lifetime not in shared and not array.owner]
         arrays = [getattr(self, name) for name in names]
-        sizes = np.array([-(-part.nbytes // _ALIGNED) * _ALIGNED for part in arrays])
-        offsets = np.concatenate([[0], np.cumsum(sizes)])
+        offsets = np.cumsum([0, *(-(-part.nbytes // _ALIGNED) * _ALIGNED for part in arrays)])
         memory, tables = np.zeros((count, int(offsets[-1])), np.uint8), np.tile(self._table, (count, 1, 1))
         for part, begin in zip(arrays, offsets.tolist(), strict=False):
             memory[:, begin : begin + part.nbytes] = np.frombuffer(part.tobytes(), np.uint8)
@@ -365,8 +364,9 @@ class Run:
             setattr(self, name, array)
         places = [_PLACES[name] for name in arrays]
         self._table[places] = [(address_of(block), block.shape[0], block.shape[-1]) for block in arrays.values()]
-        if "log_rows" in arrays and not arrays["log_rows"].flags.c_contiguous:
-            self._table[_PLACES["log_rows"], 2] = 1  # the distance of elements along the first dimension
+        for name in ("log_rows", "log_samples"):
+            if name in arrays and not arrays[name].flags.c_contiguous:
+                self._table[_PLACES[name], 2] = 1  # the distance of elements along the first dimension
 
 
 class Array(NamedTuple):

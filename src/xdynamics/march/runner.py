@@ -22,11 +22,11 @@ from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
+from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
 from xdynamics.march.memory import LARGE, arrays_of, give_back, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.past_arrays import make_room
-from xdynamics.march.run import BASE, NOW, Run
+from xdynamics.march.run import NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
 from xdynamics.march.unlocated_switches import Passages
@@ -281,8 +281,9 @@ class March:
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
         pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
         started = looked = clock()
-        log.base[0], log.links[:], in_time = first, 0, True
+        log.follow(*first)
         log.lend(self.run)
+        in_time = True
         while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
             pause = self.passages.shortened(pause, counts[0])
@@ -376,7 +377,7 @@ class March:
 
 
 # numpy takes microseconds to read one field of a record by name: all fields as one tuple cost less
-_of_counts = itemgetter(*((NOW.names or ()).index(name) for name in BASE.names or ()))
+_of_counts = itemgetter(*map((NOW.names or ()).index, LOG_COUNTS))
 _of_status = itemgetter((NOW.names or ()).index("status"))
 
 

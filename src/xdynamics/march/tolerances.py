@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.faults import few
+from xdynamics.kernels.layout import Layout
 from xdynamics.methods.scheme import (
     DOUBLE_DOUBLE,
     UNIT_OF,
 )
 from xdynamics.model import Model
-from xdynamics.model.motion import variables
+from xdynamics.model.elementwise import in_si
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Unit
@@ -89,19 +91,21 @@ class Tolerances:
             faults.append(
                 f"rtol is {self.rtol!r}, needs a number from 10 eps = {least:.3g}, below which rounding is as large, to 1{finer}"
             )
-        names = variables(model)
+        used = Layout(model).used
         atols = {f" of '{name}'": value for name, value in self.atol.items()}
         atols |= {} if self.bare is None else {"": self.bare}
         bad = {of: value for of, value in atols.items() if not isfinite(value) or value < 0}
         faults += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
         faults += [
-            f"atol names '{name}', which is none of {', '.join(names)}" for name in self.atol if name not in names
+            f"atol names '{name}', which is none of {few(block.name for block in used.blocks)}"
+            for name in self.atol
+            if name not in used
         ]
         if bad:
             return faults
+        unscaled = (self.of_all(used) == 0.0) & (in_si(model.initial, used) == 0.0)
         faults += [
             f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
-            for name in names
-            if self.of(name) == 0 and model.initial[name].si == 0
+            for name in map(used.__getitem__, np.flatnonzero(unscaled).tolist())
         ]
         return faults

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from xdynamics.march.runner import Progress
 
 Array = NDArray[Any]
+
+AT_ONCE = 1 << 19  # numbers that are compared at once
 
 
 def complete(
@@ -96,19 +99,26 @@ def complete(
 def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
     """Name the first variable along steps or events that has other values in the rows that both have; empty if there is none."""
     numbers = [_numbers(run) for run in (kept, whole)]
-    mine, theirs = (np.isin(own, other) for own, other in (numbers, numbers[::-1]))
+    both = [np.flatnonzero(np.isin(own, other)) for own, other in (numbers, numbers[::-1])]
+    events = [np.arange(run.sizes.get(EVENTS, 0)) for run in (kept, whole)]
     thinned = max(map(rows_apart, (kept.attrs, whole.attrs))) > 1
     for name, variable in kept.variables.items():
         if variable.dims[:1] not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
             continue
         if thinned and str(name).startswith("event_row"):  # rows of different records
             continue
-        values, others = (np.asarray(run.variables[name].values) for run in (kept, whole))
-        if variable.dims[0] == STEPS:
-            values, others = values[mine], others[theirs]
-        if values.tobytes() != others.tobytes():
+        if not _same_bits(variable, whole.variables[name], *(both if variable.dims[0] == STEPS else events)):
             return str(name)
-    return "" if mine.any() and kept.sizes.get(EVENTS) == whole.sizes.get(EVENTS) else STEPS
+    return "" if both[0].size and kept.sizes.get(EVENTS) == whole.sizes.get(EVENTS) else STEPS
+
+
+def _same_bits(variable: xr.Variable, other: xr.Variable, mine: Array, theirs: Array) -> bool:
+    """Whether two variables have the same bits in some rows of each, which are read some at a time."""
+    if mine.size != theirs.size or variable.shape[1:] != other.shape[1:]:
+        return False
+    rows = max(1, AT_ONCE // math.prod(variable.shape[1:]))
+    parts = [slice(start, start + rows) for start in range(0, mine.size, rows)]
+    return all(variable[mine[part]].values.tobytes() == other[theirs[part]].values.tobytes() for part in parts)
 
 
 def _numbers(run: xr.Dataset) -> Array:

@@ -23,7 +23,7 @@ from xdynamics.march import March, march_many
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.implicit import radau as march_radau
-from xdynamics.march.log import allocate
+from xdynamics.march.log import LOG_COUNTS, allocate
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.methods import radau
 
@@ -311,8 +311,7 @@ def test_a_stiff_march_goes_on_from_its_bytes(name: str) -> None:
 
     def marched(one: March, rows: int = 1 << 40) -> bytes:
         log = allocate(one.layout, 5000, sampled=int(one.run.plan[0].samples))
-        for field in log.base.dtype.names or ():
-            log.base[field] = one.run.now[field]
+        log.follow(*(int(one.now[name]) for name in LOG_COUNTS))
         log.lend(one.run)
         engine().march(one.run, rows)
         return b"".join(part.tobytes() for part in arrays_of(one.run).values())
