@@ -60,7 +60,11 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ),
     ("rest_event_time", "event", "the same of the time of an event"),
     ("error_norm, error_x, error_v_x", "step", "estimated local errors, where the method makes them"),
-    ("contact_gap_<name>, contact_force_<name>, contact_state_<name>", "step", "of every contact"),
+    (
+        "contact_gap_<name>, contact_force_<name>, contact_state_<name>",
+        "step",
+        "of every contact; over a relation, where up to 24 act",
+    ),
     ("friction_force_<name>, friction_state_<name>", "step", "of every friction"),
     ("constraint_force_<name>", "step", "multiplier of every constraint: the force is it times the derivative"),
     ("constraint_residual_<name>, constraint_rate_<name>", "step", "how far the state is from where it holds"),

@@ -295,7 +295,7 @@ def _event_time(run: xr.Dataset, i: int) -> str:
 
 def _stops(run: xr.Dataset) -> Iterator[str]:
     """Sum up the energy of motions of many links that were so low that they were stopped."""
-    if "closed_step" not in run or "event_energy_lost" not in run:
+    if "closed_force_residual" not in run or "event_energy_lost" not in run:
         return
     lost, units = run["event_energy_lost"].values, run["event_energy_lost"].attrs["units"]
     stopped = np.isin(run["event_kind"].values, (REST, STICK)) & (lost != 0.0)

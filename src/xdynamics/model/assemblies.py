@@ -6,7 +6,7 @@ it reads are `Leaf`s, each of an element that is the same for all links, or foll
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -194,7 +194,20 @@ def assemblies(model: Model) -> tuple[Assembly, ...]:
     InputError
         If a gap reads elements that are not those of its link.
     """
-    return tuple(_assembly(model, name, contact) for name, contact in model.assemblies.items())
+    every = tuple(_assembly(model, name, contact) for name, contact in model.assemblies.items())
+    for assembly in every:
+        _compare(assembly)
+    return every
+
+
+@lru_cache(maxsize=16)
+def written_assemblies(model: Model) -> tuple[Assembly, ...]:
+    """Return all contacts of a model that has one over a relation, where its few links are written out one by one."""
+    shapes, declared = model.shapes, model.shaped.contacts
+    dims = {dim for name in declared for dim in shapes.dims.get(name, ())}
+    if not model.contacts or not dims & shapes.relations.keys():
+        return ()
+    return tuple(_assembly(model, name, model.contacts[shapes.first(name)]) for name in declared)
 
 
 def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
@@ -214,9 +227,7 @@ def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
         and all(follows != LINK for leaf in leaves for follows, _ in leaf.along)
     )
     coordinates = sum(leaf.name in model.coordinates for leaf in leaves)
-    assembly = Assembly(name, contact, leaves, coordinates, paired, model)
-    _compare(assembly)
-    return assembly
+    return Assembly(name, contact, leaves, coordinates, paired, model)
 
 
 def _trees(contact: Contact) -> dict[str, Node]:
@@ -226,14 +237,14 @@ def _trees(contact: Contact) -> dict[str, Node]:
 
 
 def _elements(model: Model) -> set[str]:
-    """Return the coordinates and parameters that are elements."""
-    return {name for name in (*model.coordinates, *model.parameters) if parted(name)[1]}
+    """Return the coordinates, and the parameters that are elements."""
+    return {*model.coordinates, *(name for name in model.parameters if parted(name)[1])}
 
 
 def _leaf(name: str, dims: tuple[str, ...], shapes: Shapes) -> Leaf:
     quantity, labels = parted(name)
     along: list[tuple[str, str | int]] = []
-    for dim, label in zip(shapes.dims[quantity], labels, strict=True):
+    for dim, label in zip(shapes.dims.get(quantity, ()), labels, strict=True):
         number = shapes.extent(dim).number(int(label) if label.isdigit() else label)
         relations = [shapes.relations[dim] for dim in dims if dim in shapes.relations]
         if dim in dims and number == 0:
@@ -295,25 +306,26 @@ def slots_of(model: Model, coordinates: Sequence[str]) -> tuple[Whole, int]:
     A body is what links are between: the coordinates of all bodies share slots.
     """
     slots, width = np.zeros(len(coordinates) if assemblies(model) else 0, np.int64), 0
-    for quantity, body in bodies(model).items():
-        shapes, dims = model.shapes, model.shapes.dims[quantity]
+    for quantity, body in bodies(assemblies(model)).items():
+        shapes, dims = model.shapes, model.shapes.dims.get(quantity, ())
         rest = tuple(dim for dim in dims if dim != body)
         numbers = np.arange(int(np.prod(shapes.shape(rest), dtype=int))).reshape(shapes.shape(rest))
         place = [*coordinates].index(shapes.first(quantity))
-        spread = np.broadcast_to(np.expand_dims(numbers, dims.index(body)), shapes.shape(dims)).ravel()
+        along = [dims.index(body)] if dims else []
+        spread = np.broadcast_to(np.expand_dims(numbers, along), shapes.shape(dims)).ravel()
         slots[place : place + spread.size] = width + spread
         width += numbers.size
     return slots, width
 
 
-def bodies(model: Model) -> dict[str, str]:
-    """Return the quantities along which impulses of links are, each with the dimension that links are between."""
+def bodies(every: Iterable[Assembly]) -> dict[str, str]:
+    """Return the quantities along which impulses of links are, each with the dimension that links are between, if any."""
     found: dict[str, str] = {}
-    for assembly in assemblies(model):
+    for assembly in every:
         for leaf in assembly.leaves[: assembly.coordinates]:
-            dims = model.shapes.dims[leaf.quantity]
+            dims = assembly.model.shapes.dims.get(leaf.quantity, ())
             ends = [dim for dim, (follows, _) in zip(dims, leaf.along, strict=True) if follows in (FIRST, SECOND)]
             links = [dim for dim, (follows, _) in zip(dims, leaf.along, strict=True) if follows == LINK]
             fixed = [dim for dim, (follows, _) in zip(dims, leaf.along, strict=True) if follows == FIXED]
-            found.setdefault(leaf.quantity, (ends + links + fixed)[0])
+            found.setdefault(leaf.quantity, next(iter(ends + links + fixed), ""))
     return found

@@ -74,8 +74,10 @@ class Units:
             for term, components in layout.terms.items():
                 if name in components:
                     self.known[schema.force(term, name)] = force_unit
-        self.known |= {name: spell(dimension) for name, dimension in reaction_dimensions(model).items()}
-        self.known |= {name: spell(dimension) for name, dimension in multiplier_dimensions(model).items()}
+        reacting = reaction_dimensions(model) | multiplier_dimensions(model)
+        self.known |= {
+            name: spell(dimension, angle=True) for name, dimension in reacting.items()
+        }  # J would be a torque
         self.known |= {schema.rate(name): state.unit.per(time) for name, state in declared.states.items()}
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
 

@@ -32,6 +32,7 @@ from xdynamics.record.folded_columns import dimensions, folded, parted
 from xdynamics.record.parameter_columns import parameters
 from xdynamics.record.rest_column import rest_column
 from xdynamics.record.switches import passed, side_columns
+from xdynamics.record.written_link_columns import written_link_columns
 from xdynamics.schema import CLOSED_LINKS, SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block as Quantity
@@ -58,7 +59,8 @@ def element_columns(march: March) -> list[Column]:
 def _selected(march: March) -> list[Column]:
     """Return the columns of a log; those of quantities that are not blocks are of elements."""
     settings = march.settings
-    selected = _columns(About(march.layout, settings.scales, settings.tolerances, settings.samples))
+    about = About(march.layout, settings.scales, settings.tolerances, settings.samples)
+    selected = [*_columns(about), *written_link_columns(about)]
     if settings.log != FULL:
         selected = _logged(selected, settings.log, march.model.shapes)
     return selected if march.thinning is None else [*selected, Column(schema.STEP_NUMBER, _numbers)]

@@ -266,8 +266,8 @@ def _impulses_of(kept: xr.Dataset, march: March) -> Floats:
         return np.array([kept.variables[f"event_impulse_{name}"].values for name in march.layout.coordinates])
     ends = []
     for end in ("first", "second"):
-        for name, body in bodies(model).items():
-            shape = model.shapes.shape(tuple(dim for dim in model.shapes.dims[name] if dim != body))
+        for name, body in bodies(assemblies(model)).items():
+            shape = model.shapes.shape(tuple(dim for dim in model.shapes.dims.get(name, ()) if dim != body))
             place = f"event_impulse_{end}_{name}"
             own = [kept[key].values.reshape(count, -1).T for key in kept.variables if parted(str(key))[0] == place]
             ends += own or [np.zeros((prod(shape), count))]  # along what no link moves
@@ -280,7 +280,7 @@ def _links_of(kept: xr.Dataset, march: March, detector: Array) -> Array:
     for assembly in assemblies(march.model):
         own = np.array([march.layout.watched[i].name == assembly.name for i in detector], dtype=bool)
         numbers = tuple(kept[f"event_{dim}"].values[own] for dim in assembly.dims)
-        links[own] = np.ravel_multi_index(numbers, march.model.shapes.shape(assembly.dims))
+        links[own] = np.ravel_multi_index(numbers, march.model.shapes.shape(assembly.dims)) if numbers else 0
     return links
 
 

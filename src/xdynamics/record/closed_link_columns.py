@@ -1,0 +1,163 @@
+"""Columns of closed links: what is held together in each row, by which contact, with which force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import dimension_of
+from xdynamics.march import LogBlock
+from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.model.assemblies import Assembly
+from xdynamics.record.column import About, Column, times
+from xdynamics.record.folded_columns import place_variable
+from xdynamics.schema import CLOSED_LINKS, NOWHERE, Variable, at_closed, flags
+from xdynamics.shapes import Shapes
+from xdynamics.units import Unit, spell
+
+Array = NDArray[Any]
+Taking = Callable[[LogBlock], Array]
+Finding = Callable[[Assembly, Array], Array]
+
+
+@dataclass(frozen=True)
+class ClosedLinks:
+    """Closed links of contacts, and how they are taken from a block.
+
+    Attributes
+    ----------
+    contacts : sequence of Assembly
+    rows : callable
+        From a block to an array with a column for each closed link of each row: the row, the number of the link among
+        those of all contacts, its gap, its force, what is left of its acceleration, its friction force.
+    iterated : bool
+        Whether forces are found by iteration, which leaves something.
+    """
+
+    contacts: Sequence[Assembly]
+    rows: Taking
+    iterated: bool
+
+    @property
+    def _begins(self) -> Array:
+        return np.asarray(np.cumsum([0, *(contact.links for contact in self.contacts)]))
+
+    def step(self, block: LogBlock) -> Array:
+        """Take the row of each closed link."""
+        return np.asarray(self.rows(block)[0].astype(np.int64))
+
+    def contact(self, block: LogBlock) -> Array:
+        """Take the contact of each closed link."""
+        numbers = np.searchsorted(self._begins, self.rows(block)[1], side="right")
+        return np.asarray(numbers - 1, np.int32)
+
+    def along(self, dim: str, find: Finding) -> Taking:
+        """Return what takes a number of each closed link whose contact has a dimension."""
+
+        def take(block: LogBlock) -> Array:
+            numbers, owners = self.rows(block)[1].astype(np.int64), self.contact(block)
+            found = np.full(numbers.size, NOWHERE, np.int32)
+            for c, contact in enumerate(self.contacts):
+                if dim in contact.dims:
+                    found[owners == c] = find(contact, numbers[owners == c] - self._begins[c])
+            return found
+
+        return take
+
+    def number(self, row: int, factors: Sequence[float]) -> Taking:
+        """Return what takes a number of each closed link in the unit of its contact."""
+        if len({*factors}) == 1:
+            return lambda block: times(self.rows(block)[row], factors[0])
+        return lambda block: self.rows(block)[row] * np.array(factors)[self.contact(block)]
+
+
+def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
+    """Return what is closed in each row: the row, the contact, the link, its elements, its gap and its force."""
+    words = flags({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
+    contact = replace(_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
+    collected = [
+        Column(_variable("step", "i8", "1", "row of `step` in which the link is closed"), links.step),
+        Column(contact, links.contact),
+    ]
+    for name, dim, of, find in places_of(links.contacts, about.model.shapes):
+        at = place_variable(name, about.model.shapes.extent(of))
+        long_name = f"{name} of the link, counted from 0; {NOWHERE} where its contact has none"
+        role = "contact" if at.role == "event" else at.role
+        at = replace(at, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role)
+        collected.append(Column(at, links.along(dim, find)))
+    return [*collected, *_numbers(about, links)]
+
+
+def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
+    """Yield the gaps and forces of closed links; where units differ, with that of each contact."""
+    every = links.contacts
+    gaps = [unit_of_gap(contact) for contact in every]
+    numbers = [
+        ("gap", 2, gaps, "gap of the link, which is held at zero"),
+        ("force", 3, [*map(unit_of_force, every)], "normal force of the link, which presses where it is positive"),
+    ]
+    if links.iterated:
+        left = [spell(gap.dimension / about.model.time_unit.dimension**2) for gap in gaps]
+        words = "residual of the equations of all forces: the acceleration with which the gap of the link still opens"
+        numbers.append(("force_residual", 4, left, words))
+    if any(contact.contact.slip is not None for contact in every):
+        words = "friction force of the link along its positive slip, against which it acts while it slips"
+        numbers.append(("friction_force", 5, units_of_friction(every), words))
+    for name, row, units, words in numbers:
+        texts = [unit.text for unit in units]
+        listed = ", ".join(f"{contact.name} {text}" for contact, text in zip(every, texts, strict=True))
+        alike = len({*texts}) == 1
+        more = {} if alike else {"comment": f"unit by contact: {listed}"}
+        variable = replace(_variable(name, "f8", texts[0] if alike else "1", words), more=more)
+        yield Column(variable, links.number(row, [*map(about.units.factor, units)]))
+
+
+def _variable(name: str, dtype: str, unit: str, long_name: str) -> Variable:
+    return Variable(at_closed(name), (CLOSED_LINKS,), dtype, unit, long_name, "contact")
+
+
+def places_of(every: Sequence[Assembly], shapes: Shapes) -> Iterator[tuple[str, str, str, Finding]]:
+    """Yield what says which link it is: its name, the dimension it is found by, that it is of, how it is found."""
+    dims = shapes.ordered({dim for contact in every for dim in contact.dims})
+    relations = [dim for dim in dims if dim in shapes.relations]
+    for dim in dims:
+        yield dim, dim, dim, _along(dim)
+        if dim in shapes.relations:
+            relation = shapes.relations[dim]
+            for k, (end, of) in enumerate((("first", relation.source), ("second", relation.target))):
+                yield end if len(relations) == 1 else f"{dim}_{end}", dim, of, _end(k)
+
+
+def _along(dim: str) -> Finding:
+    return lambda contact, links: contact.numbers(links)[dim]
+
+
+def _end(k: int) -> Finding:
+    return lambda contact, links: contact.ends(links)[k]
+
+
+def unit_of_gap(contact: Assembly) -> Unit:
+    """Return the unit of the gaps of a contact."""
+    return spell(dimension_of(contact.contact.gap, contact.model.dimensions))
+
+
+def unit_of_force(contact: Assembly) -> Unit:
+    """Return the unit of normal forces of a contact."""
+    gap = dimension_of(contact.contact.gap, contact.model.dimensions)
+    return spell(energy_dimension(contact.model) / gap, angle=True)
+
+
+def units_of_friction(every: Sequence[Assembly]) -> list[Unit]:
+    """Return the unit of friction forces of each contact; of one without friction that of others, since it has none."""
+    model = every[0].model
+    power = energy_dimension(model) / model.time_unit.dimension
+    slips = [contact.contact.slip for contact in every]
+    units = [
+        None if slip is None else spell(power / dimension_of(slip, model.dimensions), angle=True) for slip in slips
+    ]
+    shared = next(unit for unit in units if unit is not None)
+    return [shared if unit is None else unit for unit in units]
