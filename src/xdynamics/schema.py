@@ -8,7 +8,9 @@ from typing import Any
 
 from xdynamics.units import SECONDS, Unit
 
-SCHEMA_VERSION = "2"  # "1" until 0.2; archives of another one are compared by the variables and settings that they have
+# "1" until 0.2, "2" until closed links of few were rows; archives of another one are compared by the variables and
+# settings that they have
+SCHEMA_VERSION = "3"
 CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"

@@ -168,13 +168,13 @@ def test_an_archive_of_a_newer_schema_is_not_taken_for_one_of_this(
     asked: dict[str, Any] = {"method": "rk4", "until": 0.2}
     with monkeypatch.context() as patch:
         for module in (schema, evidence_dataset, reading):
-            patch.setattr(module, "SCHEMA_VERSION", "3")
+            patch.setattr(module, "SCHEMA_VERSION", "4")
         xd.save(xd.simulate(oscillator().model, step=0.1, **asked), paths[0])
         xd.save(xd.refine(oscillator().model, steps=[0.1, 0.05], **asked), paths[1])
         for path in paths[2:]:
             xd.sweep(oscillator().model, {"k": "1:2:2 N m-1"}, step=0.1, path=path, **asked)
     for path, verb in zip(paths, [xd.open_run] * 2 + [xd.open_sweep] * 2, strict=True):
-        with pytest.raises(xd.ArchiveError, match=r"schema 3, written by xdynamics .* reads schemas up to 2: install"):
+        with pytest.raises(xd.ArchiveError, match=r"schema 4, written by xdynamics .* reads schemas up to 3: install"):
             verb(path)
     with xd.open_run(paths[0], check=False) as run:
-        assert run.attrs["schema_version"] == "3"
+        assert run.attrs["schema_version"] == "4"

@@ -89,6 +89,8 @@ def test_archives_of_another_schema_are_held_to_what_they_have() -> None:
     assert "records of schema 1 had the law in other words" in table.attrs["arithmetic"]
     assert reproduced(kept.assign_attrs(schema_version=again.attrs["schema_version"]), again).attrs["identical"] == 0
     assert reproduced(kept.assign(x=kept.x * 2.0), again).attrs["identical"] == 0
+    for units, same in (("m s-1", 1), ("m/s", 1), ("km s-1", 0), ("N", 0)):
+        assert reproduced(kept.assign(v_x=kept.v_x.assign_attrs(units=units)), again).attrs["identical"] == same
     assert reproduced(kept.assign_attrs(solver_step=0.02), again).attrs["identical"] == 0
 
 

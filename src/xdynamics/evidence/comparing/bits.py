@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.faults import escaped
+from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
 from xdynamics.schema import (
     ATOL_EFFECT,
@@ -22,6 +22,7 @@ from xdynamics.schema import (
     STEPS,
     VOLATILE,
 )
+from xdynamics.units import parse_unit
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
@@ -196,7 +197,7 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     if (
         variable.dims != counterpart.dims
         or _kind(variable) != _kind(counterpart)
-        or attributes[0].get("units") != attributes[1].get("units")
+        or _measure(attributes[0]) != _measure(attributes[1])
         or (worded and not _alike(*attributes))
     ):
         return 0
@@ -223,6 +224,16 @@ def _alike(first: dict[str, Any], second: dict[str, Any]) -> bool:
     return first.keys() == second.keys() and all(
         value == second[key] or repr(value) == repr(second[key]) for key, value in first.items()
     )
+
+
+def _measure(attributes: Mapping[str, Any]) -> Any:
+    """Return what a unit measures, and its size, however it is spelled: a torque in J is one in N m."""
+    text = attributes.get("units")
+    try:
+        unit = parse_unit(text) if isinstance(text, str) else None
+    except InputError:  # of time since a date, say
+        return text
+    return None if unit is None else (unit.dimension, unit.factor)
 
 
 def _kind(variable: xr.Variable) -> str:
