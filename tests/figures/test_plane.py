@@ -463,7 +463,7 @@ def test_links_of_films_that_are_none(figure: dict[str, Any], said: str) -> None
 def test_observables_are_drawn_where_nothing_moves() -> None:
     """Assert that a calibration, whose only state stands still, shows the number that it is about."""
     figure = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "mass_calibration.toml")))
-    assert [axes.get_ylabel() for axes in figure.axes] == ["dm (kg)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["dm (10⁻⁶ kg)"]
 
 
 def test_a_plane_of_states_that_the_model_names_is_drawn_once() -> None:

@@ -10,6 +10,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.bodies import of_body
+from xdynamics.figures.contrast import legible
 
 
 def titles(run: Any, **settings: Any) -> list[str]:
@@ -92,6 +93,6 @@ def test_paths_of_many_bodies_differ_in_colour_and_have_names_at_their_ends() ->
     assert len({*colours}) == len(colours) == 12
     ends = {text.get_text(): text.xy for text in axes.texts}
     assert [*ends] == [*map(str, range(12))]
-    assert [text.get_color() for text in axes.texts] == colours
+    assert [text.get_color() for text in axes.texts] == [legible(colour, 4.5) for colour in colours]
     assert ends["7"] == tuple(run["r"].values[-1, 7])
     assert "ends: body, where there is room" in axes.get_title(loc="left").replace("\n", " ")

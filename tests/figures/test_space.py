@@ -11,6 +11,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.figures.plane import views
 from xdynamics.figures.run import panels_of
+from xdynamics.figures.scenes import scene_of
 from xdynamics.figures.sheet import sheet
 from xdynamics.figures.space import spaces
 from xdynamics.record import unfold
@@ -112,3 +113,18 @@ def test_colours_part_at_zero_for_values_of_both_signs_alone() -> None:
     rod = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "heat.toml"), until="500 s"), only="T").axes[0].collections[0]
     assert rod.get_clim() == (rod.get_array().min(), rod.get_array().max())
     assert rod.get_cmap().name != chain.get_cmap().name
+
+
+def test_a_field_over_two_dimensions_is_a_film_of_maps() -> None:
+    """Assert what a film draws of a field between two rows: straight in time, on one scale with its unit."""
+    run = xd.simulate(xd.Model.from_text(PLATE))
+    scene = scene_of(unfold(run).copy(deep=False), None)
+    assert scene is not None
+    (axes,) = xd.plot(run, only="T[3, 4]").axes
+    axes.clear()
+    assert scene.start(axes) == ", T over across and up"
+    (mesh,) = scene.at(0.05)
+    expected = (run["T"].values[0] + run["T"].values[1]).T / 2.0
+    assert np.allclose(np.asarray(mesh.get_array()), expected, rtol=1e-14, atol=0.0)
+    assert mesh.get_clim() == (run["T"].min(), run["T"].max())
+    assert axes.child_axes[0].get_ylabel() == "T (K)"

@@ -14,6 +14,7 @@ from xdynamics.faults import InputError
 from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn, written
 from xdynamics.figures.frame_sizes import LABELS
 from xdynamics.figures.marks import at_time, words
+from xdynamics.figures.powers import fold_power
 from xdynamics.figures.scenes import Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
 from xdynamics.record import of_elements
@@ -49,7 +50,7 @@ def animate(
         bodies with positions along a dimension of two or three elements: links of a relation that is a table, or of
         neighbours, are lines between them. Bodies that turn, of a model that names no plane of lengths, are seen from the
         side and above: lines to their points and joints, and the ellipsoid that has their mass and inertia; where they go
-        far the picture goes along. Else the first coordinate or state along a dimension of many elements.
+        far the picture goes along. Else the first coordinate or state along a dimension of many elements, or over two as a map.
     path : str or Path, optional
         Where to write it: GIF, HTML with a slider, or MP4 where ffmpeg is installed. Without one it is for a notebook, which
         shows a film that is the last line of a cell.
@@ -105,9 +106,12 @@ def drawing(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[Any, C
     axes = figure.subplots()
     axes.grid(linewidth=0.6)
     beside = scene.start(axes)
+    for axis in (axes.xaxis, axes.yaxis):
+        fold_power(axis)
     title = words(f"{run.attrs.get('title', 'run')}{beside}")
     axes.set_title("\n".join(wrap(title, round((scene.size[0] - LABELS) * LETTERS))), loc="left", fontsize=10)
-    clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
+    paper = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.7, "pad": 2.0}  # over a map as well
+    clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace", bbox=paper)
 
     def at(frame: int) -> list[Any]:
         clock.set_text(at_time(run["time"], times[frame], 4))

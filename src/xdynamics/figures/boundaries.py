@@ -13,8 +13,8 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
+from xdynamics.figures.body_names import MOST_BODIES, colours_of
 from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.plane import MOST_BODIES, colours_of
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.shapes.trees import at

@@ -25,13 +25,19 @@ MOST_LABELS = 8  # of a dimension, beside a map
 
 def fields(run: xr.Dataset) -> Iterator[tuple[list[str], Panel]]:
     """Yield a panel for each coordinate, velocity and state over two dimensions of many elements, and what it draws."""
+    for name, dims, names in whole_fields(run):
+        yield names, partial(field, run, name, names, dims, shapes_of(run))
+
+
+def whole_fields(run: xr.Dataset) -> Iterator[tuple[str, tuple[str, str], list[str]]]:
+    """Yield each coordinate, velocity and state over two dimensions of many elements, with these and their names."""
     shapes = shapes_of(run)
     for name, dims in shapes.dims.items():
         if len(dims) != 2 or min(shapes.shape(dims)) < FEWEST_ELEMENTS:
             continue
         names = shapes.elements(name)
         if all(each in run and run.variables[each].attrs.get("role") in DRAWN for each in names):
-            yield names, partial(field, run, name, names, dims, shapes)
+            yield name, (dims[0], dims[1]), names
 
 
 def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], shapes: Shapes, axes: Axes) -> None:
@@ -55,8 +61,8 @@ def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], s
         part.set_aspect("equal", adjustable="box")
         part.set_title(at_time(run["time"], float(time[row]), 4), fontsize=8)
         part.tick_params(labelsize=7)
-        _name_elements(part.xaxis, shapes.extent(dims[0]), dims[0], is_named=k == len(rows) // 2)
-        _name_elements(part.yaxis, shapes.extent(dims[1]), dims[1], is_named=k == 0)
+        name_axis(part.xaxis, shapes.extent(dims[0]), dims[0], is_named=k == len(rows) // 2)
+        name_axis(part.yaxis, shapes.extent(dims[1]), dims[1], is_named=k == 0)
     colour_bar(mesh, in_unit(words(name), str(run.variables[names[0]].attrs["units"])), parts[-1])
     # above the line that says when
     parts[0].set_title(
@@ -64,7 +70,7 @@ def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], s
     )
 
 
-def _name_elements(axis: Any, extent: Extent, dim: str, *, is_named: bool) -> None:
+def name_axis(axis: Any, extent: Extent, dim: str, *, is_named: bool) -> None:
     """Put labels along a map, or numbers from 0 where there are none or too many."""
     from matplotlib.ticker import MaxNLocator
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+PROFILE = (6.0, 4.0)  # inches: of a quantity along a dimension
 MARGIN = 0.06  # of the larger side
 SLIM = 0.15  # of the longer side, that half of the shorter one has at least
 SIDE, LEAST, LABELS = 5.2, 1.8, 0.8  # inches: of the longer side, of any side, of what stands beside the axes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
+from xdynamics.figures.powers import without_power
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +113,7 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
             "anchor": f"{'y' if letter == 'x' else 'x'}{n}",
             "type": "log" if logarithmic else "linear",
             "range": [float(end) for end in (np.log10([low, high]) if logarithmic else (low, high))],
-            "title": {"text": _plain(axis.get_label_text()), "standoff": 4},
+            "title": {"text": _plain(without_power(axis.get_label_text())), "standoff": 4},
             "zeroline": False,
             "exponentformat": "power",
             "showticklabels": len(axis.get_ticklocs()) > 0,
@@ -266,10 +267,15 @@ def _shapes(axes: Axes, artist: Any) -> Iterator[dict[str, Any]]:
 def _solid(page: Any, axes: Any, n: str) -> None:
     """Add a panel in space: its lines, which can be turned."""
     box, scene = axes.get_position(), f"scene{n}"
-    labels = {f"{letter}axis": {"title": {"text": _plain(getattr(axes, f"get_{letter}label")())}} for letter in "xyz"}
-    page.update_layout(
-        {scene: {"domain": {"x": [box.x0, box.x1], "y": [box.y0, box.y1]}, "aspectmode": "data", **labels}}
-    )
+    labels: dict[str, Any] = {
+        f"{letter}axis": {
+            "title": {"text": _plain(getattr(axes, f"get_{letter}label")())},
+            "range": [float(end) for end in getattr(axes, f"get_{letter}lim")()],
+        }
+        for letter in "xyz"
+    }
+    aspect = {"aspectmode": "manual", "aspectratio": dict(zip("xyz", map(float, axes.get_box_aspect()), strict=True))}
+    page.update_layout({scene: {"domain": {"x": [box.x0, box.x1], "y": [box.y0, box.y1]}, **aspect, **labels}})
     for line in axes.lines:
         x, y, z = line.get_data_3d()
         marked = str(line.get_marker()) not in ("", "None", "none")

@@ -51,6 +51,11 @@ def typeset(units: str) -> str:
     return _UNIT.sub(lambda match: _SYMBOLS.get(match[1], match[1]) + (match[2] or "").translate(_POWERS), units)
 
 
+def superscript(power: int) -> str:
+    """Write a whole number as a power."""
+    return str(power).translate(_POWERS)
+
+
 def timed(time: xr.DataArray, what: str = "time") -> str:
     """Label times with their unit; without one if the model's time is dimensionless."""
     return in_unit(what, str(time.attrs.get("units", SECONDS.text)))

@@ -15,17 +15,19 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
+from xdynamics.figures.body_names import MOST_BODIES, MOST_ENDS, colour_key, colours_of, left_out, name_ends
 from xdynamics.figures.body_paths import BodyPath, is_length
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
+from xdynamics.figures.framing import Frame, frame_of, leaving_note, whole_frame
 from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED, straight
-from xdynamics.figures.marks import COLOURS, shortened, words
-from xdynamics.figures.placing import EVENT, named_elsewhere
+from xdynamics.figures.marks import COLOURS, long_unit, words
+from xdynamics.figures.placing import named_elsewhere
 from xdynamics.figures.roles import with_role
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
-from xdynamics.units import spell
+from xdynamics.units import spell, unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,9 +40,6 @@ UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where 
 _STEM = re.compile(r"([a-z]+?)_?(\d+|(?<=_)[a-z]\w*)", re.IGNORECASE | re.ASCII)  # `x` and `2`, `y` and `bob`
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
-MOST_ENDS = 60  # bodies whose paths have their names at the end
-MANY = "turbo"  # colours of more bodies than there are single ones
-MOST_BODIES = 200  # whose paths are drawn
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
 SLENDER, SLIM = 2.0, 3.0  # ratios of the sides, from which on few numbers fit below, and only upright ones
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
@@ -143,7 +142,7 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
                 (times, x), (_, y) = (_line(run, end) for end in ends)
                 labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
                 view.append(BodyPath(across, up, part.unit.text, times, x, y, labels, "", ends, ", ".join(dims[:-1])))
-            sides = _sides(view)
+            sides = whole_frame([np.stack([path.x, path.y]) for path in view]).sides
             if min(sides) > THIN * max(sides):
                 pairs.append(view)
     return pairs
@@ -190,12 +189,14 @@ def draw(
             axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
     _mark(run, view, axes)
-    first, note = view[0], ""
-    if first.is_space and _is_flat(view):
+    first, frame, note = view[0], frame_of_view(view), ""
+    if frame.leaving:
+        axes.set(xlim=frame.limits[0], ylim=frame.limits[1])
+    wide, high = frame.sides
+    if first.is_space and _is_flat(wide, high):
         note = ", not to scale"
     elif first.is_space:
         axes.set_aspect("equal", adjustable="box")
-        wide, high = _sides(view)
         axes.locator_params(axis="x", nbins=2 if high > SLENDER * wide else "auto")
         axes.tick_params(axis="x", rotation=90 if high > SLIM * wide else 0)
     is_one = all(body.across == first.across and body.up == first.up for body in view)
@@ -204,35 +205,41 @@ def draw(
     named = with_role(run, *POSITIONS)
     what = "the plane" if first.is_space else "phase plane"
     start = "rings: start, discs: end" if discs else f"{'dots and grey lines' if joined else 'dot'}: start"
-    ends = name_ends(view, axes)
+    ends = name_ends(view, _ends(view, frame), axes)
+    if len(view) > MOST_ENDS:
+        colour_key(view, axes)
+    gone = leaving(frame, view, run["time"])
     axes.set_title(
-        f"{what} ({start}{note}{words(ends)}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10
+        f"{what} ({start}{note}{words(ends)}){left_out(every)}{gone}{straight(run, *named)}", loc="left", fontsize=10
     )
 
 
-def colours_of(view: list[BodyPath]) -> list[str]:
-    """Return a colour for each body, grey for those that never move."""
-    moving = [body for body in view if not body.is_fixed]
-    if len(moving) > len(COLOURS) and all(body.dims for body in view):  # no colour twice
-        from matplotlib import colormaps
-        from matplotlib.colors import to_hex
-
-        shades = [to_hex(shade) for shade in colormaps[MANY](np.linspace(0.05, 0.95, len(moving)))]
-    else:
-        shades = [COLOURS[k % len(COLOURS)] for k in range(len(moving))]
-    left = iter(shades)
-    return [GREY if body.is_fixed else next(left) for body in view]
+def frame_of_view(view: list[BodyPath]) -> Frame:
+    """Return what a picture of a plane holds: the bodies that are drawn, but for those that fly off."""
+    shown = view[:MOST_BODIES]
+    paths = [np.stack([path.x, path.y]) for path in shown]
+    if not view[0].is_space:
+        return whole_frame(paths)
+    return frame_of(paths, [path.times for path in shown])
 
 
-def name_ends(view: list[BodyPath], axes: Axes) -> str:
-    """Put the label of each of more bodies than a legend takes at the end of its path, where there is room; say so."""
-    if not MOST_NAMED < len(view) <= MOST_ENDS or not all(body.dims for body in view):
-        return ""
-    names = shortened([words(body.body) for body in view])
-    for body, name, colour in zip(view, names, colours_of(view), strict=True):
-        style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 6.5, "color": colour, "gid": EVENT}
-        axes.annotate(name, (body.x[-1], body.y[-1]), (2, 2), **style)
-    return f"; ends: {view[0].dims}, where there is room"
+def leaving(frame: Frame, view: list[BodyPath], time: xr.DataArray) -> str:
+    """Say, behind other words of a title, which bodies leave its frame at what times."""
+    unit, size = long_unit(time)
+    names = [words(path.label) or f"body {k}" for k, path in enumerate(view[:MOST_BODIES])]
+    note = leaving_note(frame, names, unit_suffix(unit), size)
+    return note and f"; {note}"
+
+
+def _ends(view: list[BodyPath], frame: Frame) -> list[tuple[float, float]]:
+    """Return where each path ends, or leaves the frame."""
+    ends, gone = [], {body for body, _ in frame.leaving}
+    for k, path in enumerate(view):
+        points = frame.inside(np.stack([path.x, path.y])) if k in gone else np.stack([path.x, path.y])
+        rows = np.flatnonzero(np.isfinite(points[0]))
+        last = int(rows[-1]) if rows.size else -1
+        ends.append((float(path.x[last]), float(path.y[last])))
+    return ends
 
 
 def moves_in_lines(view: list[BodyPath]) -> bool:
@@ -241,24 +248,9 @@ def moves_in_lines(view: list[BodyPath]) -> bool:
     return view[0].is_space and any(all(np.ptp(line) == 0.0 for line in lines) for lines in sides)
 
 
-def _is_flat(view: list[BodyPath]) -> bool:
+def _is_flat(wide: float, high: float) -> bool:
     """Whether all paths together are so much longer than wide that nothing would be seen at one scale."""
-    sides = _sides(view)
-    return bool(max(sides) > 0.0 and max(sides) > FLATTEST * min(sides))
-
-
-def _sides(view: list[BodyPath]) -> tuple[float, float]:
-    """Return how wide and how high all paths together are."""
-    x, y = (
-        np.array([[line.min(), line.max()] for line in lines])
-        for lines in ([path.x for path in view], [path.y for path in view])
-    )
-    return float(np.ptp(x)), float(np.ptp(y))
-
-
-def left_out(view: list[BodyPath]) -> str:
-    """Note how many bodies of a view are not drawn, if there are any."""
-    return f", {MOST_BODIES} of {len(view)} bodies" if len(view) > MOST_BODIES else ""
+    return bool(max(wide, high) > 0.0 and max(wide, high) > FLATTEST * min(wide, high))
 
 
 def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:

@@ -212,7 +212,7 @@ def _panels(
     for view in views:
         yield "plane", [], partial(_plane, run, view, beside)
     for seen in space.spaces(views):
-        yield "space", [], partial(space.draw, seen, views)
+        yield "space", [], partial(space.draw, run, seen, views)
     for names, panel in fields(run):
         is_whole_field = wanted is None or {*names} <= {*wanted}
         yield "map", names if is_whole_field else [], panel

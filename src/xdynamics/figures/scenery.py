@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.figures.body_names import MOST_BODIES
 from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.plane import MOST_BODIES, drawn_links
+from xdynamics.figures.plane import drawn_links
 from xdynamics.model.parts import ORIGIN
 
 if TYPE_CHECKING:

@@ -1,25 +1,38 @@
-"""What a film shows as its time goes on: bodies in the plane with their trails and links, or a quantity along a dimension."""
+"""What a film shows as its time goes on: bodies in the plane with their trails and links."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.figures.body_names import (
+    MOST_BODIES,
+    MOST_ENDS,
+    SMALL,
+    brief_names,
+    colours_of,
+    left_out,
+    names_at_bodies,
+)
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.boundaries import Boundary, boundaries, radii_of
-from xdynamics.figures.frame_sizes import MARGIN, SLIM, frame_size
-from xdynamics.figures.lattice import name_elements, profiled, shapes_of
+from xdynamics.figures.contrast import LETTERS, legible
+from xdynamics.figures.element_scenes import Plate, Profile
+from xdynamics.figures.fields import whole_fields
+from xdynamics.figures.frame_sizes import MARGIN, PROFILE, SLIM, frame_size
+from xdynamics.figures.framing import Frame
+from xdynamics.figures.lattice import profiled, shapes_of
 from xdynamics.figures.line_panels import MOST_NAMED
-from xdynamics.figures.marks import COLOURS, typeset, words
+from xdynamics.figures.marks import typeset, words
 from xdynamics.figures.mechanism import mechanism_of
-from xdynamics.figures.plane import MOST_BODIES, along_a_line, colours_of, drawn_links, left_out, short, views
+from xdynamics.figures.plane import along_a_line, drawn_links, frame_of_view, leaving, short, views
 from xdynamics.figures.scenery import Fastening, fastenings
-from xdynamics.shapes import Extent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +40,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PROFILE = (6.0, 4.0)  # inches
+LARGE = 8.0  # points of a name on a disc
+BESIDE = (4.0, 3.0)  # points from the middle of a dot to its name
 MOST_TRAILED = 1000  # points of a trail
 MOST_TRAILS = 30  # bodies with a trail; many would hide each other
 
@@ -51,7 +65,7 @@ class Scene(Protocol):
 
 
 def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
-    """Return the scene of a run's plane, of bodies that turn, or of a quantity along a dimension; None if it has neither."""
+    """Return the scene of a run's plane, of bodies that turn, or of a quantity along one dimension or two; None without any."""
     shown = views(run)
     in_space = bool(shown and shown[0]) and shown[0][0].is_space and bool(model_of(run, None).pictured.plane)
     if not in_space and (mechanism := mechanism_of(run, trail)) is not None:
@@ -59,14 +73,26 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
     if (shown := shown or along_a_line(run)) and shown[0]:
         view = shown[0]
         radii = radii_of(run, view)
-        return Bodies(view, drawn_links(run), trail, fastenings(run, view), boundaries(run, view, radii), radii)
+        return Bodies(
+            view, run["time"], drawn_links(run), trail, fastenings(run, view), boundaries(run, view, radii), radii
+        )
     if shown:
         return None
+    times = run.variables["time"].values
     for name, dim, elements in profiled(run, shapes_of(run)):
-        values = np.stack([run.variables[element].values for element in elements], axis=-1)
-        extent, units = shapes_of(run).extent(dim), str(run.variables[elements[0]].attrs["units"])
-        return Profile(name, dim, extent, units, run.variables["time"].values, values)
+        return Profile(name, dim, shapes_of(run).extent(dim), _unit(run, elements), times, _values(run, elements))
+    for name, dims, elements in whole_fields(run):
+        maps = _values(run, elements).reshape(len(times), *shapes_of(run).shape(dims))
+        return Plate(name, dims, shapes_of(run), _unit(run, elements), times, maps)
     return None
+
+
+def _unit(run: xr.Dataset, elements: list[str]) -> str:
+    return str(run.variables[elements[0]].attrs["units"])
+
+
+def _values(run: xr.Dataset, elements: list[str]) -> Floats:
+    return np.stack([run.variables[element].values for element in elements], axis=-1)
 
 
 @dataclass
@@ -76,6 +102,8 @@ class Bodies:
     Attributes
     ----------
     view : list of BodyPath
+    time : DataArray
+        Recorded times, in whose unit the title says when a body leaves.
     links : ndarray of int, shape (m, 2)
         Which bodies have a line between them.
     trail : float, optional
@@ -89,6 +117,7 @@ class Bodies:
     """
 
     view: list[BodyPath]
+    time: xr.DataArray
     links: NDArray[np.int_]
     trail: float | None = None
     fastenings: Sequence[Fastening] = ()
@@ -97,6 +126,7 @@ class Bodies:
     _dots: Any = None
     _trails: Any = None
     _lines: Any = None
+    _tags: list[Any] = field(default_factory=list)
 
     @property
     def times(self) -> Floats:
@@ -116,17 +146,19 @@ class Bodies:
         names = [body.label for body in self.view]
         return names if 1 < len(names) <= MOST_NAMED and all(names) else []
 
+    @cached_property
+    def _frame(self) -> Frame:
+        """The motion of all bodies that are drawn, but for those that fly off."""
+        return frame_of_view(self.view)
+
     @property
     def _limits(self) -> Floats:
-        """What the axes hold, shape (2, 2): the whole motion, and no side much shorter than the other."""
-        ends = np.array(
-            [[getattr(body, letter).min(), getattr(body, letter).max()] for body in self.view for letter in "xy"]
-        )
-        ends = ends.reshape(-1, 2, 2)
+        """What the axes hold, shape (2, 2): the motion, and no side much shorter than the other."""
+        low, high = self._frame.limits.T
         if any((part.ends < 0).any() for part in self.fastenings):  # to the origin
-            ends = np.concatenate([ends, np.zeros((1, 2, 2))])
+            low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
         beyond = float(self.radii.max(initial=0.0))
-        low, high = ends[..., 0].min(axis=0) - beyond, ends[..., 1].max(axis=0) + beyond
+        low, high = low - beyond, high + beyond
         longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
         half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
         return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
@@ -138,7 +170,7 @@ class Bodies:
         view, (across, up) = self.view, self._limits
         first = view[0]
         axes.set(xlim=across, ylim=up, aspect="equal" if first.is_space else "auto")
-        is_one = len(view) == 1 or not first.is_space
+        is_one = all((body.across, body.up) == (first.across, first.up) for body in view)
         labels = (short(first.across, "across"), short(first.up, "up")) if is_one else ("across", "up")
         axes.set_xlabel(words(f"{labels[0]} ({typeset(first.units)})"))
         axes.set_ylabel(words(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
@@ -157,7 +189,24 @@ class Bodies:
             axes.plot([], [], "o", color=colour, markersize=6, label=words(name))
         if self._names:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False, handletextpad=0.2)
-        return left_out(view)
+        self._tags = self._named(axes, colours)
+        scale = f", colours from {view[0].label} to {shown[-1].body}" if self._is_scaled else ""
+        return f"{left_out(view)}{leaving(self._frame, view, self.time)}{words(scale)}"
+
+    @property
+    def _is_scaled(self) -> bool:
+        """Whether there are so many bodies that colours alone tell them apart."""
+        return len(self.view) > MOST_ENDS and bool(brief_names(self.view))
+
+    def _named(self, axes: Axes, colours: list[str]) -> list[Any]:
+        """Prepare the names that go along with bodies: on discs, or beside dots."""
+        discs, tags = bool(self.radii.size), []
+        style: dict[str, Any] = {"textcoords": "offset points", "zorder": 4, "annotation_clip": True}
+        style |= {"ha": "center", "va": "center", "fontsize": LARGE} if discs else {"fontsize": SMALL}
+        for name, colour in zip(names_at_bodies(self.view), colours, strict=False):
+            ink = "white" if discs else legible(colour, LETTERS)
+            tags.append(axes.annotate(name, (0.0, 0.0), (0.0, 0.0) if discs else BESIDE, color=ink, **style))
+        return tags
 
     def _bodies(self, axes: Axes, colours: list[str]) -> Any:
         """Prepare the bodies: discs as large as they are, or dots."""
@@ -185,7 +234,9 @@ class Bodies:
         if len(shown) <= MOST_TRAILS:
             back = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
             self._trails.set_segments([_trail(body, now - back, now) for body in shown])
-        return [self._trails, self._lines, *others, self._dots]
+        for tag, place in zip(self._tags, places, strict=False):
+            tag.xy = tuple(place)
+        return [self._trails, self._lines, *others, self._dots, *self._tags]
 
 
 def _trail(body: BodyPath, begin: float, end: float) -> Floats:
@@ -194,52 +245,3 @@ def _trail(body: BodyPath, begin: float, end: float) -> Floats:
     every = max(1, (last - first) // MOST_TRAILED)
     times = np.concatenate([[max(begin, float(body.times[0]))], body.times[first:last:every], [end]])
     return np.stack([np.interp(times, body.times, body.x), np.interp(times, body.times, body.y)], axis=-1)
-
-
-@dataclass
-class Profile:
-    """A quantity along a dimension, straight in time between recorded states.
-
-    Attributes
-    ----------
-    name, dim : str
-    extent : Extent
-        Of the dimension.
-    units : str
-    times : ndarray, shape (n,)
-    values : ndarray, shape (n, elements)
-    """
-
-    name: str
-    dim: str
-    extent: Extent
-    units: str
-    times: Floats
-    values: Floats
-    _line: Any = None
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of a frame."""
-        return PROFILE
-
-    def start(self, axes: Axes) -> str:
-        """Draw the range that the quantity has, and its start in grey."""
-        low, high = float(np.nanmin(self.values)), float(np.nanmax(self.values))
-        margin = MARGIN * (high - low) or 1.0
-        elements = np.arange(self.values.shape[1])
-        axes.plot(elements, self.values[0], "-", color="0.75", linewidth=1)
-        self._line = axes.plot([], [], ".-", color=COLOURS[0], markersize=3, linewidth=1.2)[0]
-        axes.set(ylim=(low - margin, high + margin))
-        name_elements(axes, self.dim, self.extent)
-        axes.set_ylabel(words(f"{self.name} ({self.units})"))
-        return " (grey: at the start)"
-
-    def at(self, now: float) -> list[Any]:
-        """Draw the quantity at a time."""
-        row = int(np.clip(np.searchsorted(self.times, now, side="right"), 1, len(self.times) - 1))
-        begin, end = (float(time) for time in self.times[row - 1 : row + 1])
-        part = (now - begin) / (end - begin) if end > begin else 1.0
-        values = self.values[row - 1] + part * (self.values[row] - self.values[row - 1])
-        self._line.set_data(np.arange(len(values)), values)
-        return [self._line]

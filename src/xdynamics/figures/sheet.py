@@ -16,6 +16,7 @@ from xdynamics.archive.stores import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.figures.marks import typeset, words
 from xdynamics.figures.placing import settle
+from xdynamics.figures.powers import fold_power
 from xdynamics.units import NUMBERS
 
 if TYPE_CHECKING:
@@ -103,9 +104,10 @@ def sheet(
         axes.grid(color=rcParams["grid.color"], linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         draw(axes)
-    every = [part for axes in figure.axes for part in (axes, *axes.child_axes)]
+    every = [part for axes in figure.axes for part in (axes, *axes.child_axes) if part.name != "3d"]
     for axis in (axis for part in every for axis in (part.xaxis, part.yaxis)):
         axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
+        fold_power(axis)
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")

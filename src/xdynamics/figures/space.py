@@ -8,16 +8,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.figures.body_names import MOST_BODIES, colour_key, colours_of, left_out
 from xdynamics.figures.body_paths import BodyPath
+from xdynamics.figures.framing import Frame, frame_of
 from xdynamics.figures.line_panels import MOST_NAMED
-from xdynamics.figures.marks import typeset, words
+from xdynamics.figures.marks import superscript, typeset, words
 from xdynamics.figures.placing import named_elsewhere
-from xdynamics.figures.plane import MOST_BODIES, colours_of, left_out
+from xdynamics.figures.plane import leaving
+from xdynamics.figures.powers import shared_power
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
 
 MOST_POINTS = 4000  # of a path
+MOST_TICKS = 5  # of the longest side
+FLATTEST = 0.25  # of the longest side, that each one has at least
+THINNEST = 1e-3  # of the longest side, for whose part a side of no length is taken
+EDGES = (-0.05, 0.05)  # of each side, around what is drawn
 
 
 class Orbit(NamedTuple):
@@ -51,23 +59,46 @@ def spaces(views: list[list[BodyPath]]) -> Iterator[Space]:
         yield Space(orbits, names, first.units)
 
 
-def draw(space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
-    """Draw paths in three dimensions in the place of some axes, with one scale for all three, a dot at each start."""
+def draw(run: xr.Dataset, space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
+    """Draw paths in three dimensions in the place of some axes, a dot at each start.
+
+    All three have one scale; a side that would be too flat for its ticks is stretched, and says so.
+    """
     place: Any = axes.get_subplotspec()
     figure: Any = axes.figure
     axes.remove()
     solid: Any = figure.add_subplot(place, projection="3d")
-    shades = colours_of(views[0][:MOST_BODIES])
-    for orbit, colour in zip(space.orbits, shades, strict=False):
-        points = orbit.points[:, :: 1 + orbit.points.shape[1] // MOST_POINTS]
-        solid.plot(*points, "-", color=colour, linewidth=1.0, label=words(orbit.body))
+    view, orbits = views[0], space.orbits[:MOST_BODIES]
+    frame = frame_of([orbit.points for orbit in orbits], [path.times for path in view[:MOST_BODIES]])
+    for orbit, colour in zip(orbits, colours_of(view), strict=True):
+        points = frame.inside(orbit.points) if frame.leaving else orbit.points
+        rows = np.append(np.arange(0, points.shape[1] - 1, 1 + points.shape[1] // MOST_POINTS), points.shape[1] - 1)
+        solid.plot(*points[:, rows], "-", color=colour, linewidth=1.0, label=words(orbit.body))
         solid.plot(*points[:, :1], "o", color=colour, markersize=4)
     names = {words(orbit.body) for orbit in space.orbits if orbit.body}
     if 0 < len(names) <= MOST_NAMED and not names <= named_elsewhere(solid):
         solid.legend(fontsize=8, frameon=False)
-    solid.set_aspect("equal", adjustable="box")
-    for axis, name in zip("xyz", space.axes, strict=True):
-        getattr(solid, f"set_{axis}label")(words(name), fontsize=8)
-    solid.locator_params(nbins=5)
+    colour_key(view, solid)
+    power = _shape(solid, frame, space.axes)
+    units = f"10{superscript(power)} {typeset(space.units)}" if power else typeset(space.units)
+    gone = leaving(frame, view, run["time"])
+    solid.set_title(f"in space, in {units} (dot: start){left_out(view)}{gone}", loc="left", fontsize=10)
+
+
+def _shape(solid: Any, frame: Frame, names: tuple[str, str, str]) -> int:
+    """Give a drawing in space its sides and ticks, and return the power of ten in which these are written."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    longest, power = float(frame.sides.max()) or 1.0, shared_power(frame.limits)
+    # a side of no length has some room as well
+    low, high = (frame.limits + np.outer(np.maximum(frame.sides, THINNEST * longest), EDGES)).T
+    sides = np.maximum(high - low, FLATTEST * (high - low).max())
+    solid.set_box_aspect(sides / sides.max())
+    for k, (letter, name) in enumerate(zip("xyz", names, strict=True)):
+        axis, flat = getattr(solid, f"{letter}axis"), sides[k] > high[k] - low[k]
+        getattr(solid, f"set_{letter}lim")(low[k], high[k])
+        getattr(solid, f"set_{letter}label")(words(name) + ", not to scale" * bool(flat), fontsize=8)
+        axis.set_major_locator(MaxNLocator(max(1, round(MOST_TICKS * float(sides[k] / sides.max())))))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 10.0**power:.6g}"))
     solid.tick_params(labelsize=7)
-    solid.set_title(f"in space, in {typeset(space.units)} (dot: start){left_out(views[0])}", loc="left", fontsize=10)
+    return power
