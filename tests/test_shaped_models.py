@@ -40,6 +40,35 @@ def test_planets_go_where_another_integrator_has_them() -> None:
     assert np.abs(still - still[0]).max() < 1e-13 * np.abs(still[0]).max()
 
 
+# inclination to the ecliptic, degree: Standish and Williams, Keplerian Elements for Approximate Positions of the Major
+# Planets (Explanatory Supplement to the Astronomical Almanac, 3rd ed., 2013, table 8.10.2); sidereal period, day: NASA's
+# planetary fact sheet
+PUBLISHED = {
+    "Jupiter": (1.30439695, 4332.589),
+    "Saturn": (2.48599187, 10759.22),
+    "Uranus": (0.77263783, 30685.4),
+    "Neptune": (1.77004347, 60189.0),
+    "Pluto": (17.14001206, 90560.0),
+}
+OBLIQUITY = np.deg2rad(23.43929111)  # of the ecliptic, to the equator of J2000, IAU 1976
+
+
+def test_planets_have_their_published_inclinations_and_periods() -> None:
+    """Assert each orbit's plane at the start, and its mean period from one ascending node to the next over 550 years."""
+    run = xd.simulate(model("outer_solar_system"))
+    cosine, sine = np.cos(OBLIQUITY), np.sin(OBLIQUITY)
+    turned = np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+    day = run.time.values / 86400.0
+    for body, (inclination, period) in PUBLISHED.items():
+        place, speed = ((part.sel(body=body) - part.sel(body="Sun")).values @ turned.T for part in (run.r, run.v_r))
+        axis = np.cross(place[0], speed[0])
+        assert np.rad2deg(np.arccos(axis[2] / np.linalg.norm(axis))) == pytest.approx(inclination, abs=0.015)
+        height = place[:, 2]
+        rises = np.flatnonzero((height[:-1] < 0) & (height[1:] >= 0))
+        nodes = day[rises] - height[rises] * np.diff(day)[rises] / np.diff(height)[rises]
+        assert (nodes[-1] - nodes[0]) / (len(nodes) - 1) == pytest.approx(period, rel=6e-4)
+
+
 def test_three_bodies_chase_each_other() -> None:
     """Assert that after a period each is where it was, after a third where the next was, and the published energy."""
     run = xd.simulate(model("figure_eight"))
