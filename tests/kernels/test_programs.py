@@ -16,7 +16,7 @@ from cases.problems import MODELS, coupled_springs, particle
 from xdynamics.expressions import Name, parse
 from xdynamics.kernels import Law, law_of, layout_of
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.law import CONTROL
+from xdynamics.kernels.law import CONTROL, FORCE_SAMPLES, ROW_ENERGIES
 from xdynamics.kernels.law_cache import key_of
 from xdynamics.kernels.llvm_loops import UNROLLED
 from xdynamics.kernels.program import UNSOUND, Compute, Load, Place, Program, StoreTo
@@ -327,10 +327,10 @@ def test_what_laws_are_kept_by() -> None:
         *(replace(scheme, **{key: "another"}) for key in ("estimator", "summation", "math_functions")),
     ]
     layouts = [layout_of(model, one) for one in (scheme, *others)] + [layout_of(model_named("kepler"), scheme)]
-    both = [(sampled, energies) for sampled in (True, False) for energies in (True, False)]
-    keys = [key_of(layout, sampled=one, energies=other) for layout in layouts for one, other in both]
-    assert len(set(keys)) == len(keys) == 24
-    assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True, energies=True) == keys[0]
+    unread = ((), (ROW_ENERGIES,), (FORCE_SAMPLES,), (ROW_ENERGIES, FORCE_SAMPLES))
+    keys = [key_of(layout, sampled, *left) for layout in layouts for sampled in ("True", "False") for left in unread]
+    assert len(set(keys)) == len(keys) == 48
+    assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), "True") == keys[0]
 
 
 @pytest.mark.parametrize(("argument", "header"), [("t", "time [s]"), ("x", "x [m]")])

@@ -41,6 +41,7 @@ EXPAND = PROPOSE + 1  # of a method by series
 LINEARISED = PROPOSE  # of a method whose step `march.implicit.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
 FLOATS_ALONE = ("slopes", "touching")  # programs that no rest matters to
+ROW_ENERGIES, FORCE_SAMPLES = "energies", "samples"  # what a log may leave out
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )
@@ -58,16 +59,14 @@ class Law:
         Of the model with a scheme.
     sampled : bool
         Whether a step keeps every force evaluation.
-    energies : bool
-        Whether rows are given energies, which are a sum over all links; `source` has them all the same.
-    read : bool
-        Whether anything reads these; if not, its machine code leaves them out, and its text has them all the same.
+    unread : frozenset of str
+        What nothing reads: the `ROW_ENERGIES` of rows, which are sums over all links, force `FORCE_SAMPLES`. It is left out as the
+        law is run; `source` has it all the same.
     """
 
     layout: Layout
     sampled: bool
-    energies: bool = True
-    read: bool = True
+    unread: frozenset[str] = frozenset()
 
     @property
     def scheme(self) -> Scheme:
@@ -134,11 +133,12 @@ class Law:
 
     @property
     def _run_programs(self) -> tuple[Program, ...]:
-        """The programs as they are run: rows without energies where none are asked for."""
-        if self.energies:
-            return self.programs
+        """The programs as they are run, without what nothing reads."""
+        programs = Law(self.layout, sampled=False).programs if FORCE_SAMPLES in self.unread else self.programs
+        if ROW_ENERGIES not in self.unread:
+            return programs
         row = model_programs.row(self.layout, self.steps.memory, energies=False)
-        return tuple(row if entry.name == row.name else entry for entry in self.programs)
+        return tuple(row if entry.name == row.name else entry for entry in programs)
 
     @cached_property
     def constraining(self) -> tuple[Program, ...]:
@@ -166,7 +166,7 @@ class Law:
 
     @cached_property
     def _key(self) -> str:
-        return law_cache.key_of(self.layout, sampled=self.sampled, energies=self.energies, read=self.read)
+        return law_cache.key_of(self.layout, str(self.sampled), *sorted(self.unread))
 
     @property
     def _can_be_kept(self) -> bool:
@@ -234,7 +234,7 @@ class Law:
                 "_zero": np.float64(0.0),
             }
         )
-        source = self.source if self.energies else "\n\n".join(map(python_of, self._run_programs))
+        source = "\n\n".join(map(python_of, self._run_programs)) if self.unread else self.source
         exec(compile(source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
         control = (SETS[self.scheme.math_functions][name] for name in CONTROL)
         return np.array(keys_of([*control, *(scope[entry.name] for entry in self.entries)]), np.int64)
@@ -302,8 +302,7 @@ class Law:
         names = [name for i, name in enumerate(self.printed.names, FORCES) if i != INSIDE]
         if self._kept is not None:
             return machine.Code(self._kept[1], names)
-        coded = self if self.read else Law(self.layout, sampled=False, energies=self.energies)
-        code = machine.built(coded.text(without=[coded.entries[INSIDE - FORCES]]))
+        code = machine.built(self.text(without=[self.entries[INSIDE - FORCES]]))
         law_cache.write(self._key, self.printed, code)
         return machine.Code(code, names)
 
@@ -327,18 +326,21 @@ def _alone(names: tuple[str, ...]) -> machine.Code:
 
 
 @lru_cache(maxsize=128)
-def law_of(layout: Layout, *, sampled: bool, energies: bool = True, read: bool = True) -> Law:
+def law_of(layout: Layout, *, sampled: bool, unread: frozenset[str] = frozenset()) -> Law:
     """Return the law of a layout, made once for all models that differ in numbers alone; see `Law`.
 
-    Without `energies` rows of models with dimensions have none, but where contacts judge impacts by them.
+    Energies are left out of rows of models with dimensions alone, and not where contacts judge impacts by them.
 
     Its layout is that of the first such model: names and places hold for all of them, numbers do not.
     """
     is_judged = bool(layout.model.contacts or layout.model.assemblies)
-    energies = energies or is_judged or not model_programs.has_loops(layout.model) or layout.is_doubled
+    if is_judged or not model_programs.has_loops(layout.model) or layout.is_doubled:
+        unread -= {ROW_ENERGIES}
+    if not sampled:
+        unread -= {FORCE_SAMPLES}
     if layout.model.python_functions:
-        return Law(layout, sampled, energies)
-    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled, energies, read), layout))
+        return Law(layout, sampled, unread)
+    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled, unread), layout))
 
 
 @dataclass(frozen=True)

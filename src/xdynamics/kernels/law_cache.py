@@ -48,10 +48,9 @@ class Printed:
     equations: tuple[NewtonSystem, ...]
 
 
-def key_of(layout: Layout, *, sampled: bool, energies: bool = True, read: bool = True) -> str:
-    """Return a digest of what a law and its machine code follow from: form, method, printers and processor."""
-    model = layout.model
-    origin = (model.form, repr(layout.scheme), str(sampled), str(energies), str(read))
+def key_of(layout: Layout, *choices: str) -> str:
+    """Return a digest of what a law and its machine code follow from: form, method, choices, printers and processor."""
+    origin = (layout.model.form, repr(layout.scheme), *choices)
     return cache.digest("printed", *origin, _printers(), *machine.processor())
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.engine_part import is_being_made
+from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
 from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import NoMemoryError, engine
@@ -82,9 +83,7 @@ class March:
         self.progress = progress
         self.layout: Layout = settings.layout(model)
         self.times = times
-        self.law: Law = law_of(
-            self.layout, sampled=settings.samples, energies=settings.energies, read=self._keeps_samples
-        )
+        self.law: Law = law_of(self.layout, sampled=settings.samples, unread=self._unread)
         self.interrupted = False
         self.stopping_event = ""
         self.chattering = NOWHERE  # the detector of the switch that a march without end passed to and fro
@@ -341,6 +340,12 @@ class March:
         if self.settings.keeps_samples or self.thinning is not None:
             return True
         return 8 * self.layout.sample_width * self.settings.scheme.samples < LARGE
+
+    @property
+    def _unread(self) -> frozenset[str]:
+        """What its law computes and nothing reads."""
+        is_read = {ROW_ENERGIES: self.settings.energies, FORCE_SAMPLES: self._keeps_samples}
+        return frozenset(what for what, read in is_read.items() if not read)
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or load it."""
