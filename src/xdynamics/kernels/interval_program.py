@@ -173,10 +173,7 @@ class _IntervalPrinter:
         self._first: list[tuple[int, ...]] = []  # of numbers and parameters alone, which a march does not change
         self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
-        named = (
-            constant_names(layout.model) if layout.watched else ()
-        )  # of nothing that is watched no name is asked for
-        self._constants = {name: i for i, name in enumerate(named)}
+        self._constants = constant_names(layout.model)
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
         self._moving = self._variables() if layout.watched else {}
         self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
@@ -231,8 +228,8 @@ class _IntervalPrinter:
 
     def _found(self, lines: Assignments, name: str) -> Operand:
         """Return the operand of a name in an expression."""
-        if name in self._constants:
-            return lines.load(Place("p", self._constants[name]), name)
+        if (place := self._constants.find(name)) is not None:
+            return lines.load(Place("p", place), name)
         if name in self._moving:
             return lines.load(Place("moving", list(self._moving).index(name)), name)
         if name in self._inner:

@@ -48,7 +48,7 @@ class LawNames:
         self._inner = inner or {}
         self._kept = {switch.drive for switch in watched_by(layout.model)}
         self._drives = {name: i for i, name in enumerate(layout.drives)}
-        self._constants = {name: i for i, name in enumerate(constant_names(layout.model))}
+        self._constants = constant_names(layout.model)
         self._delayed = delayed_names(layout.model)
 
     def _looked_back(self, lines: Assignments, name: str, delay: int, owner: str) -> Operand:
@@ -73,7 +73,8 @@ class LawNames:
             return Place("at", AT.index(self._time if name == "t" else "regime"))
         if name not in self._drives and (found := self._known.find(name)) is not None:
             return Place(self._state, found)
-        return Place("p", self._constants[name]) if name in self._constants else None
+        found = self._constants.find(name)
+        return None if found is None else Place("p", found)
 
     def first(self, name: str) -> Place:
         """Return where the numbers of a quantity with dimensions begin."""

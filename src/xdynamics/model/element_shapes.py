@@ -99,8 +99,8 @@ def _needed(
         yield what, entry, dict.fromkeys((*own.get(names[i], ()), *own.get(names[j], ())))
     for name, state in statement.states.items():
         yield f"rate of state '{name}'", state.rate, state.dims
-    for name, start in statement.starting.items():
-        yield f"initial value of '{name}'", start.tree, start.dims
+    for what, given in (("parameter", statement.arrays), ("initial value of", statement.starting)):
+        yield from ((f"{what} '{name}'", values.tree, values.dims) for name, values in given.items())
     for name, event in statement.events.items():
         for target, tree in event.reset.items():
             yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}

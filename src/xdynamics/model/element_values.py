@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from xdynamics.model.elements import Elements
-from xdynamics.model.elementwise import Elementwise, numbers_of
+from xdynamics.model.elementwise import Elementwise
 from xdynamics.model.given_values import Values
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.shapes import Shapes, written
 from xdynamics.shapes.naming import DOT
 from xdynamics.units import Quantity
+from xdynamics.units.rounded import decimal_text
 
 
 def of_elements(sections: Mapping[str, Any]) -> bool:
@@ -62,15 +63,12 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
     """Return a statement with dimensions and the numbers of its elements."""
     arrays, starting = {}, {}
     for name, values in declared.arrays.items():
-        if values.tree is None and _is_as_read(elements.parameters, name):
+        if _is_as_read(elements.parameters, name):
             arrays[name] = values
             continue
-        if values.dims and (made := numbers_of(elements.parameters, name)) is not None:
-            evaluated = tuple(made.values.ravel().tolist())  # of an expression, which has no uncertainty beside it
-            arrays[name] = replace(values, tree=None, numbers=evaluated, unit=made.unit)
-            continue
         parts = [elements.parameters[element] for element in shapes.elements(name)]
-        arrays[name] = _filled(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
+        filled = _filled(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
+        arrays[name] = values if _is_same(filled, numbered(values, declared, shapes)) else filled
     start = Elements(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
     for name, values in declared.starting.items():
         if _is_as_read(elements.initial, name) and not (start and values.tree):
@@ -79,8 +77,12 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
         names = shapes.elements(name)
         spreads = tuple(elements.starts[name].spread if name in elements.starts else None for name in names)
         numbers = tuple(elements.initial[name] for name in names)
-        changed = values.tree is None or any(start[name] != elements.initial[name] for name in names)
-        starting[name] = _filled(values, numbers, spreads) if changed else values
+        filled = _filled(values, numbers, spreads)
+        if values.tree is None:
+            same = _is_same(filled, numbered(values, declared, shapes))
+        else:
+            same = all(start[name] == elements.initial[name] for name in names)
+        starting[name] = values if same else filled
     return replace(
         declared,
         arrays=arrays,
@@ -93,9 +95,30 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
     )
 
 
+def numbered(values: Values, statement: Statement, shapes: Shapes) -> Values:
+    """Return values with a number for each element: of their expression of constants, or of the one that all have."""
+    numbers, _, unit = Elements(statement, shapes).numbers(values)
+    return replace(values, tree=None, numbers=tuple(numbers if values.tree is None else numbers.tolist()), unit=unit)
+
+
+def written_out(statement: Statement, shapes: Shapes) -> Statement:
+    """Return a statement with a number for each element, however they are given; expressions of parameters stay."""
+    arrays = {name: numbered(values, statement, shapes) for name, values in statement.arrays.items()}
+    starting = {
+        name: values if values.tree else numbered(values, statement, shapes)
+        for name, values in statement.starting.items()
+    }
+    return replace(statement, arrays=arrays, starting=starting)
+
+
 def _is_as_read(parts: Mapping[str, Any], name: str = "") -> bool:
     """Whether no element of a quantity, or of any, has another value than the statement had it first."""
     return isinstance(parts, Elementwise) and (name not in parts.changed if name else not parts.changed)
+
+
+def _is_same(one: Values, other: Values) -> bool:
+    """Whether values agree in all digits that are known of them."""
+    return one == other and [*map(decimal_text, one.numbers)] == [*map(decimal_text, other.numbers)]
 
 
 def _filled(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:

@@ -144,14 +144,15 @@ class Elements:
             name: always(part) for name, part in self.statement.parameters.items()
         }
         for name, values in self.statement.arrays.items():
-            makers[name] = ParameterNumbers(*self._numbers(values, self.shapes.shape(values.dims)), values)
+            makers[name] = ParameterNumbers(*self.numbers(values), values)
         return self._each(makers)
 
-    def _numbers(self, values: Values, shape: tuple[int, ...]) -> tuple[Any, tuple[int, ...], Unit]:
-        """Return the numbers of a parameter with dimensions, with their shape; those of an expression in SI units."""
+    def numbers(self, values: Values) -> tuple[Any, tuple[int, ...], Unit]:
+        """Return a number for each element, with their shape and unit; no expression may read parameters."""
+        shape = self.shapes.shape(values.dims)
         if values.tree is None:
-            assert values.unit is not None  # noqa: S101 - numbers have a unit
-            return values.numbers, shape, values.unit
+            every = values.numbers * math.prod(shape) if len(values.numbers) == 1 else values.numbers
+            return every, shape, unit_of(values)
         constants = _constants(self.statement.unit_constants)
         return evaluate_elements(values.tree, values.dims, constants, self.shapes).ravel(), shape, unit_of(values)
 
@@ -321,7 +322,8 @@ class Elements:
         shape = self.shapes.shape(self.shapes.dims.get(name, ()))
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
-            return Numbers(np.reshape(values.numbers, shape), values.unit)
+            one = values.numbers[0] if len(values.numbers) == 1 else np.reshape(values.numbers, shape)
+            return Numbers(np.broadcast_to(one, shape), values.unit)
         unit = self._units()[name]
         numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters))
         numbers = numbers / float(unit.factor)

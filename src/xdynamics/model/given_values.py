@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
@@ -31,9 +31,9 @@ class Values:
     ----------
     dims : tuple of str
     unit : Unit, optional
-        None with an expression, which has its own.
+        None with an expression that has its own.
     numbers : tuple of float
-        In the unit, the last dimension fastest; empty with an expression.
+        In the unit; one for all elements, or one for each, the last dimension fastest; empty with an expression.
     spreads : tuple of Spread
         One for all elements, or one for each; empty if none is known.
     tree : Node, optional
@@ -80,7 +80,7 @@ def is_expression(value: Any) -> bool:
     return False
 
 
-def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | None = None) -> Values:
+def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] | None = None) -> Values:
     """Read the values of a quantity with dimensions.
 
     Parameters
@@ -88,8 +88,8 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
     entry : str, list, mapping or array
     name : str
     source : Source
-    dims : tuple of str, optional
-        Of the quantity, where they are declared elsewhere: those of a coordinate.
+    declared : tuple of str, optional
+        Dimensions of the quantity, where they stand elsewhere: those of a coordinate, whose start this is.
 
     Raises
     ------
@@ -97,23 +97,21 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
         Naming the key, what it is and what was needed.
     """
     shapes = source.shapes
-    entry = as_in_file(entry, name, dims, shapes)
+    entry = as_in_file(entry, name, declared, shapes)
     if not isinstance(entry, Mapping):
         entry = {"value": entry}
-    if dims is None:
-        dims = _dims(entry.get("dims", ()), shapes)
-    elif "dims" in entry:
+    if not entry.keys() & {*SIZES} and (pair := parted(entry.get("value"))):
+        entry = {**entry, "value": pair[0], "uncertainty": pair[1]}
+    dims = _dims(entry.get("dims", ()), shapes) if declared is None else declared
+    if declared is not None and "dims" in entry:
         raise InputError(f"key 'dims' is not known here: '{name}' has the dimensions {', '.join(dims) or 'none'}")
     ways = [key for key in ("value", "values", "table", "csv") if key in entry]
     if len(ways) != 1 and ways != ["table", "csv"]:
         raise InputError(f"needs one of value, values, table; has {' and '.join(ways) or 'none of them'}")
-    about = str(entry.get("description", "")).strip()
-    if "value" in entry and is_expression(entry["value"]):
-        if sizes := [key for key in (*SIZES, "unit") if key in entry]:
-            raise InputError(f"has {sizes[0]} beside an expression; give them to the parameters that it reads")
-        return Values(dims, tree=parse(entry["value"]), description=about)
-    check_room(dims, shapes)
     shape = shapes.shape(dims)
+    if "value" in entry and is_expression(entry["value"]):
+        return _by_expression(entry, dims, shape, at_start=declared is not None)
+    check_room(dims, shapes)
     if "values" in entry:
         numbers, unit = _by_label(entry, dims, shapes)
     elif "table" in entry or "csv" in entry:
@@ -122,7 +120,20 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
         numbers, unit = _listed(entry["value"], _unit(entry), shape, dims)
     if wrong := [number for number in numbers if not isfinite(number)]:
         raise InputError(f"has the value {wrong[0]}, and needs finite numbers")
-    return Values(dims, unit, numbers, _spreads(entry, numbers, unit, shape, dims), description=about)
+    about = str(entry.get("description", "")).strip()
+    return Values(dims, unit, numbers, _spreads(entry, unit, shape, dims), description=about)
+
+
+def _by_expression(
+    entry: Mapping[str, Any], dims: tuple[str, ...], shape: tuple[int, ...], *, at_start: bool
+) -> Values:
+    """Read an expression: of constants and numbers of elements, beside which a unit may stand, or at the start of more."""
+    if at_start and (extra := [key for key in (*SIZES, "unit") if key in entry]):
+        raise InputError(f"has {extra[0]} beside an expression; give them to the parameters that it reads")
+    values = Values(
+        dims, _unit(entry), tree=parse(entry["value"]), description=str(entry.get("description", "")).strip()
+    )
+    return values if at_start else replace(values, spreads=_spreads(entry, unit_of(values), shape, dims))
 
 
 def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
@@ -154,7 +165,7 @@ def _unit(entry: Mapping[str, Any]) -> Unit | None:
 def _listed(
     value: Any, unit: Unit | None, shape: tuple[int, ...], dims: tuple[str, ...]
 ) -> tuple[tuple[float, ...], Unit]:
-    """Read nested lists of numbers or quantities, or one quantity for all elements."""
+    """Read nested lists of numbers or quantities, or one quantity, which is that of all elements."""
     flat: list[Any] = [value]
     for length, dim in zip(shape, dims, strict=True):
         if not isinstance(value, list | tuple):
@@ -166,8 +177,7 @@ def _listed(
         flat = list(joined.from_iterable(flat))
     if any(isinstance(entry, list | tuple) for entry in flat):
         raise InputError(f"value has more dimensions than {', '.join(dims) or 'none'}")
-    numbers, unit = _in_one_unit(flat, unit)
-    return numbers if isinstance(value, list | tuple) else numbers * prod(shape), unit
+    return _in_one_unit(flat, unit)
 
 
 def _turned(value: Any, shape: tuple[int, ...]) -> str:
@@ -192,7 +202,7 @@ def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, .
             raise InputError(f"value has {brief(entry)}, needs numbers, or numbers with a unit")
         quantity = parse_quantity(entry)
         if not isinstance(entry, str):
-            numbers.append(float(entry))
+            numbers.append(entry if isinstance(entry, float) else float(entry))  # which may know more digits
             continue
         unit = quantity.unit if unit is None else unit
         if quantity.unit.dimension != unit.dimension:
@@ -298,32 +308,29 @@ def _matched(sheet: Sheet, rows: list[tuple[float, ...]], column: int, extent: E
 
 
 def _spreads(
-    entry: Mapping[str, Any], numbers: tuple[float, ...], unit: Unit, shape: tuple[int, ...], dims: tuple[str, ...]
+    entry: Mapping[str, Any], unit: Unit, shape: tuple[int, ...], dims: tuple[str, ...]
 ) -> tuple[Spread | None, ...]:
     """Read uncertainties: one for all elements, or a list like that of the values."""
+    value = Quantity(0.0, unit)  # whose unit alone counts
     listed = [key for key in SIZES if isinstance(entry.get(key), list | tuple)]
     if not listed:
-        spread = spread_of(entry, Quantity(numbers[0], unit)) if numbers else None
+        spread = spread_of(entry, value)
         return () if spread is None else (spread,)
     key = listed[0]
     sizes, of = _listed(entry[key], unit, shape, dims)
-    quantities = [Quantity(number, unit) for number in numbers]
-    return tuple(
-        spread_of({**entry, key: f"{size!r} {of.text}"}, quantity)
-        for size, quantity in zip(sizes, quantities, strict=True)
-    )
+    return tuple(spread_of({**entry, key: f"{size!r} {of.text}"}, value) for size in sizes)
 
 
 def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
     """Return the entry of a quantity with dimensions as it stands in TOML; `declared` if its dims stand elsewhere."""
     body: dict[str, Any] = {} if declared else {"dims": list(values.dims)}
+    shape = shapes.shape(values.dims)
     if values.tree is not None:
         body["value"] = text_of(values.tree)
-        body |= {"description": values.description} if values.description else {}
-        return body["value"] if [*body] == ["value"] else body
-    shape, unit = shapes.shape(values.dims), values.unit
-    assert unit is not None  # noqa: S101 - numbers have a unit
-    body |= {"value": nested(values.numbers, shape), "unit": unit.text}
+    else:
+        is_one = len(values.numbers) == 1 != prod(shape)
+        body["value"] = values.numbers[0] if is_one else nested(values.numbers, shape)
+    body |= {"unit": values.unit.text} if values.unit is not None else {}
     if spreads := [spread for spread in values.spreads if spread is not None]:
         first = spreads[0]
         sizes = [0.0 if spread is None else spread.size.value for spread in values.spreads]
@@ -335,7 +342,8 @@ def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
             body["distribution"] = first.distribution
         if first.degrees_of_freedom is not None:
             body["degrees_of_freedom"] = first.degrees_of_freedom
-    return body | ({"description": values.description} if values.description else {})
+    body |= {"description": values.description} if values.description else {}
+    return body["value"] if declared and [*body] == ["value"] else body
 
 
 def nested(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
@@ -352,7 +360,7 @@ def unit_of(values: Values) -> Unit:
     Raises
     ------
     InputError
-        If the expression reads anything but constants and numbers of elements.
+        If the expression reads anything but constants and numbers of elements, or has a unit where one is given.
     """
     if values.tree is None:
         assert values.unit is not None  # noqa: S101 - numbers have a unit
@@ -363,4 +371,9 @@ def unit_of(values: Values) -> Unit:
             f"'{shown(values.tree)}' reads '{others[0]}'; a parameter by an expression is of constants and index(…):"
             " what follows from other parameters is a definition"
         )
-    return spell(dimension_of(values.tree, known))
+    dimension = dimension_of(values.tree, known)
+    if values.unit is not None and dimension != NONE:
+        raise InputError(
+            f"has unit '{values.unit.text}' beside '{shown(values.tree)}', which has units '{dimension}' itself; leave the unit out"
+        )
+    return spell(dimension) if values.unit is None else values.unit

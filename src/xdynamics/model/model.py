@@ -17,7 +17,7 @@ from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.element_shapes import check_shapes, declared_shapes, dimensions_of
-from xdynamics.model.element_values import following, gathered, in_units_of, of_elements
+from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
 from xdynamics.model.elements import Elements
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.model_trees import ModelTrees
@@ -206,6 +206,10 @@ class Model(ModelTrees):
     def shaped(self) -> Statement:
         """The statement with dimensions; without any it is `statement`, of which it has the numbers in any case."""
         return self.statement if self._declared is None else gathered(self._declared, self.statement, self.shapes)
+
+    def written_out(self) -> dict[str, Any]:
+        """Return the sections of its file with a number for each element, be they given one by one or by an expression."""
+        return toml.tables_of(written_out(self.shaped, self.shapes))
 
     @classmethod
     def of_elements(cls, statement: Statement, dimensions: dict[str, Dimension]) -> Model:

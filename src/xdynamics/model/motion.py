@@ -123,11 +123,16 @@ def decides(model: Model, switch: Switch) -> Node:
 
 
 @lru_cache(maxsize=64)
-def constant_names(model: Model) -> tuple[str, ...]:
+def constant_names(model: Model) -> Blocks:
     """Return the names of `constants`, of which no value is made."""
-    before = _before(model, UNSCALED) if model.delays else ()
-    names = (*model.parameters, *CONSTANTS, "pi", *model.shaped.calendar, *before, *modes(model), *switch_inputs(model))
-    return tuple(dict.fromkeys(names))
+    own, before = _parameter_names(model), _before(model, UNSCALED) if model.delays else ()
+    others = (*CONSTANTS, "pi", *model.shaped.calendar, *before, *modes(model), *switch_inputs(model))
+    return own + Blocks.of("constant", [name for name in dict.fromkeys(others) if name not in own])
+
+
+def _parameter_names(model: Model) -> Blocks:
+    parameters = model.parameters
+    return parameters.names if isinstance(parameters, Elementwise) else Blocks.of("parameter", parameters)
 
 
 @lru_cache(maxsize=64)
@@ -144,9 +149,8 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 @lru_cache(maxsize=64)
 def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float64]:
     """Return the values of `constants`, without one of each element of a parameter by its name."""
-    parameters = model.parameters
-    blocks = parameters.names if isinstance(parameters, Elementwise) else Blocks.of("parameter", parameters)
-    values, first = in_si(parameters, blocks), 0
+    blocks = _parameter_names(model)
+    values, first = in_si(model.parameters, blocks), 0
     for block in blocks.blocks:
         values[first : first + block.size] /= scales.of(model.dimensions[block.first])
         first += block.size

@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from xdynamics.expressions import parse
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.file_access import ANYWHERE, FileAccess
-from xdynamics.model.given_values import is_expression
+from xdynamics.model.given_values import Values, is_expression, unit_of
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Parameter
@@ -18,7 +19,7 @@ from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
 from xdynamics.model.toml import tables_of
 from xdynamics.model.uncertainty import SIZES, parted
-from xdynamics.units import parse_quantity, parse_unit
+from xdynamics.units import NONE, parse_quantity, parse_unit
 
 _ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries nothing else is read from
 _OUTSIDE = FileAccess(Path(), ANYWHERE)
@@ -45,7 +46,8 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
         return statement
     tables = tables_of(statement)
     for title, entries in sections.items():
-        tables[title] = tables.get(title, {}) | _entries(title, tables.get(title, {}), entries)
+        shaped = {"parameters": statement.arrays, "initial": statement.starting}.get(title, {})
+        tables[title] = tables.get(title, {}) | _entries(title, tables.get(title, {}), entries, shaped)
     return read(tables, Path(), functions, _OUTSIDE)
 
 
@@ -84,29 +86,44 @@ def _with_parts(statement: Statement, title: str, entries: Any, ledger: Ledger, 
     )
 
 
-def _entries(title: str, old: Any, entries: Any) -> dict[str, Any]:
-    """Return the new entries of a section as they stand in a file."""
+def _entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values] | None = None) -> dict[str, Any]:
+    """Return the new entries of a section as they stand in a file; some may have values for elements."""
     if not isinstance(old, dict) or not isinstance(entries, Mapping):
         raise ModelError(f"{title} has no entries to replace")
     for key in entries:
         if key not in old:
             raise ModelError(f"{title} has no entry '{key}'; there are: {', '.join(old) or 'none'}")
-    return {key: _value(key, old[key], value) for key, value in entries.items()}
+    return {
+        key: _whole(key, old[key], shaped[key], value) if shaped and key in shaped else _value(key, old[key], value)
+        for key, value in entries.items()
+    }
 
 
-def _whole(old: Mapping[str, Any], value: Any) -> Any:
+def _whole(entry: str, old: Any, values: Values, value: Any) -> Any:
     """Return the entry of a quantity with dimensions with other values, in its unit unless they have one."""
-    if isinstance(value, Mapping) or is_expression(value):
+    kept = (
+        {key: item for key, item in old.items() if key in ("dims", "description")} if isinstance(old, Mapping) else {}
+    )
+    value = {"value": value} if hasattr(value, "dims") else value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, Mapping):
+        return {**value, **({"dims": kept["dims"]} if "dims" in kept else {})}
+    if "dims" not in kept and (values.tree is not None or is_expression(value)):  # at the start, of parameters
         return value
-    kept = {key: item for key, item in old.items() if key in ("dims", "unit", "description")}
-    return kept | {"value": value}
+    unit = unit_of(values)
+    if is_expression(value):
+        try:
+            own = unit_of(Values(values.dims, tree=parse(value))).dimension
+        except InputError as error:
+            raise ModelError(f"parameter '{entry}': {error}") from None
+        if own == unit.dimension != NONE:
+            return kept | {"value": value}
+        if own != NONE:
+            raise ModelError(f"{entry} = {value!r} has units '{own}', needs '{unit.dimension}', or none")
+    return kept | {"value": value, "unit": unit.text}
 
 
 def _value(entry: str, old: Any, value: Any) -> Any:
     """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
-    if isinstance(old, Mapping) and isinstance(old.get("value"), list):
-        value = {"value": value} if hasattr(value, "dims") else value.tolist() if hasattr(value, "tolist") else value
-        return {**value, "dims": old["dims"]} if isinstance(value, Mapping) and "dims" in old else _whole(old, value)
     text = old.get("value") if isinstance(old, Mapping) else old
     if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
         value = value.item()

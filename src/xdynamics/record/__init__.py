@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from xdynamics.record.conformity import faults_of
     from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
     from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
-    from xdynamics.record.run_identity import apart, comes_of, identity, input_digest, is_of, same_settings
+    from xdynamics.record.run_identity import (
+        apart,
+        comes_of,
+        identity,
+        input_digest,
+        is_of,
+        is_of_model,
+        model_words,
+        same_settings,
+    )
     from xdynamics.record.unfolding import of_elements, shapes_of, unfold, whole_of
     from xdynamics.record.variable_attributes import own_attributes, plain
 
@@ -34,6 +43,8 @@ _ROOMS = {
     "identity": "run_identity",
     "input_digest": "run_identity",
     "is_of": "run_identity",
+    "is_of_model": "run_identity",
+    "model_words": "run_identity",
     "of_elements": "unfolding",
     "own_attributes": "variable_attributes",
     "plain": "variable_attributes",
@@ -61,6 +72,8 @@ __all__ = [
     "identity",
     "input_digest",
     "is_of",
+    "is_of_model",
+    "model_words",
     "of_elements",
     "own_attributes",
     "plain",

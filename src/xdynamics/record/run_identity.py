@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March, Pacing, Settings, Tolerances
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcomes import INTERRUPTED
 from xdynamics.methods import Method
+from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.provenance import force_digest
 from xdynamics.units import Unit
-from xdynamics.units.rounded import decimal_text, read
+from xdynamics.units.rounded import decimal_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,10 +35,13 @@ def identity(march: March) -> dict[str, str]:
         "math_functions": march.settings.math_functions,
         "law": force_digest(march),
     }
-    words = dict(_words("", replace(march.settings, compress=False))) | dict(
-        _words("model", tomllib.loads(march.model.to_toml(), parse_float=read))
-    )
-    return {name: _short(value) for name, value in (words | program).items()}
+    words = dict(_words("", replace(march.settings, compress=False)))
+    return {name: _short(value) for name, value in (words | program).items()} | model_words(march.model)
+
+
+def model_words(model: Model) -> dict[str, str]:
+    """Return what a model says, a word for each entry: the same whether elements have numbers or an expression."""
+    return {name: _short(value) for name, value in _words("model", model.written_out())}
 
 
 def input_digest(march: March) -> str:
@@ -54,13 +59,23 @@ def apart(kept: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
 def is_of(run: xr.Dataset, march: March) -> bool:
     """Whether a finished record is of a march's model and law, by this version; settings are not compared."""
     here = {
-        "model_digest": march.model.digest,
         "force_digest": force_digest(march),
         "xdynamics_version": xdynamics_version(),
         "math_functions": march.settings.math_functions,
     }
-    unfinished = OUTCOMES[INTERRUPTED].word
-    return all(run.attrs.get(name) == value for name, value in here.items()) and run.attrs["run_outcome"] != unfinished
+    if any(run.attrs.get(name) != value for name, value in here.items()):
+        return False
+    return run.attrs["run_outcome"] != OUTCOMES[INTERRUPTED].word and is_of_model(run, march.model)
+
+
+def is_of_model(run: xr.Dataset, model: Model) -> bool:
+    """Whether a record's model is one, perhaps with numbers where this has an expression."""
+    if run.attrs.get("model_digest") == model.digest:
+        return True
+    with suppress(InputError, KeyError):  # of functions that are not those of this model; of what was left out
+        own = Model.from_text(str(run["model_toml"].values), functions=model.functions)
+        return own.digest == run.attrs["model_digest"] and model_words(own) == model_words(model)
+    return False
 
 
 def comes_of(run: xr.Dataset, march: March) -> bool:
@@ -100,7 +115,14 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
         for key, entry in value.items():
             yield from _words(f"{name}.{key}", entry)
     elif value is not None:
-        yield name, decimal_text(value) if isinstance(value, float) else repr(value)
+        yield name, _text(value)
+
+
+def _text(value: Any) -> str:
+    """Return a value as a text, numbers with all digits that are known of them."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_text, value))}]"
+    return decimal_text(value) if isinstance(value, float) else repr(value)
 
 
 def _short(text: str) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.place import Place
 from xdynamics.faults import InputError, numbered
+from xdynamics.record import model_words
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of
 from xdynamics.sweeping.collection import DIGEST, plan_of
 from xdynamics.sweeping.grid import SweepGrid
@@ -96,7 +97,7 @@ def additions(plan: Plan, there: xr.Dataset, catalogue: Place, opens: Callable[[
 def _conflicts(plan: Plan, existing: Plan) -> Iterator[str]:
     """Describe every difference between the two sweeps that forbids adding members."""
     grid, old_grid = plan.grid, existing.grid
-    if grid.model.digest != old_grid.model.digest:
+    if model_words(grid.model) != model_words(old_grid.model):
         yield f"its model is another: its digest is {old_grid.model.digest[:16]}…, here {grid.model.digest[:16]}…"
     varying = {entry.name for _, entry in grid.columns} | {entry.name for _, entry in old_grid.columns}
     for name in sorted({*grid.asked, *old_grid.asked} - varying):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 import xarray as xr
 
-from xdynamics.faults import escaped
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.faults import InputError, escaped
 from xdynamics.model.text_limits import parsed
+from xdynamics.record import is_of_model
 
 SECTIONS = ("parameters", "initial")  # of a model, whose entries are listed separately from its other entries
 # settings that follow from the model, the method and how its steps are chosen
@@ -31,7 +34,7 @@ FOLLOWING = (
 
 def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
     """List by name and value what differs between two models: parameters, initial values, and the rest."""
-    models = [dict(_flat("", parsed(str(run["model_toml"].values)))) for run in (first, second)]
+    models = [dict(_flat("", table)) for table in _models(first, second)]
     differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
     for name in dict.fromkeys([*models[0], *models[1]]):
         values = [model.get(name, "absent") for model in models]
@@ -44,6 +47,24 @@ def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
                 )
             )
     return {name: "\n".join(lines) for name, lines in differences.items()}
+
+
+def _models(first: xr.Dataset, second: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the sections of two models; with numbers for elements, where one of them has an expression for them."""
+    texts = [str(run["model_toml"].values) for run in (first, second)]
+    tables = [parsed(text) for text in texts]
+    if texts[0] != texts[1] and any("dimensions" in table for table in tables):
+        with suppress(InputError):  # of Python functions, which are not at hand
+            return [model_of(run, None).written_out() for run in (first, second)]
+    return tables
+
+
+def is_restated(first: xr.Dataset, second: xr.Dataset) -> bool:
+    """Whether the models of two runs differ, and only in that one has numbers where the other has an expression."""
+    if first.attrs["model_digest"] != second.attrs["model_digest"]:
+        with suppress(InputError):
+            return is_of_model(first, model_of(second, None))
+    return False
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:

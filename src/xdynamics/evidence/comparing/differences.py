@@ -13,7 +13,7 @@ from xdynamics import archive, schema
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
-from xdynamics.evidence.comparing.causes import cause_of, models_apart
+from xdynamics.evidence.comparing.causes import cause_of, is_restated, models_apart
 from xdynamics.evidence.comparing.comparison_summary import ROLE
 from xdynamics.evidence.event_matching import Rows, matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
@@ -58,6 +58,8 @@ def compared(first: xr.Dataset, second: xr.Dataset, times: Floats | None, functi
     digests = [archive.digest_of_run(run) for run in (first, second)]
     if lazy:
         return exhibit("comparison", title_of(first, second), digests, variables, {}, shapes=shapes_of(first))
+    if is_restated(first, second):
+        second = second.assign(model_toml=first["model_toml"]).assign_attrs(model_digest=first.attrs["model_digest"])
     table = bitwise(first, second)
     variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
     events = dict(event_differences(first, second))
