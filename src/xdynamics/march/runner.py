@@ -335,16 +335,12 @@ class March:
             self.gains = with_more(self.gains, self.layout, impacts, int(log.base[0]["events"]))
 
     @property
-    def _keeps_samples(self) -> bool:
-        """Whether anything reads the force samples of a step, or they are small."""
-        if self.settings.keeps_samples or self.thinning is not None:
-            return True
-        return 8 * self.layout.sample_width * self.settings.scheme.samples < LARGE
-
-    @property
     def _unread(self) -> frozenset[str]:
-        """What its law computes and nothing reads."""
-        is_read = {ROW_ENERGIES: self.settings.energies, FORCE_SAMPLES: self._keeps_samples}
+        """What the law computes and nothing reads; small samples cost nothing."""
+        settings = self.settings
+        are_small = 8 * self.layout.sample_width * settings.scheme.samples < LARGE
+        is_read = {ROW_ENERGIES: settings.energies}
+        is_read[FORCE_SAMPLES] = settings.keeps_samples or self.thinning is not None or are_small
         return frozenset(what for what, read in is_read.items() if not read)
 
     def _addresses(self) -> NDArray[np.int64]:
