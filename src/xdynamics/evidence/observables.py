@@ -18,9 +18,11 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
+from xdynamics.model.energies import potentials
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
+from xdynamics.model.whole import potentials_of_wholes
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.partial_records import log_description
 from xdynamics.record.run_columns import state_name
@@ -123,6 +125,17 @@ def evaluated_whole(
         values: Floats = whole.of_states(states)[0]
         return values
     return evaluated_on(run, model, [tree_of(model, name)], states, times, rows)[0]
+
+
+def potentials_on(
+    run: xr.Dataset, model: Model, states: Mapping[str, Floats], times: Floats, rows: Rows
+) -> dict[str, Floats]:
+    """Evaluate the potential energy of each force term that has one, in joules, at states as in `evaluated_on`."""
+    whole = _whole_of(run, model, ["potential_energy"], times, rows)
+    if whole is not None:
+        return whole.of_trees(potentials_of_wholes(model), states)
+    trees = potentials(model)
+    return dict(zip(trees, evaluated_on(run, model, [*trees.values()], states, times, rows), strict=True))
 
 
 def rate_on(

@@ -82,6 +82,11 @@ class ObservedQuantities:
             axis=1,
         )
 
+    def of_trees(self, trees: Mapping[str, Node], states: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Evaluate numbers that read no more than the elements do, at states in recorded units: shape (k,) each, SI."""
+        found = [here.evaluated(trees, here.gathered(states, part)) for part, here in self._parts()]
+        return {name: np.concatenate([values[name][0] for values in found]) for name in trees}
+
     def with_errors(self, states: Mapping[str, Floats], errors: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Evaluate the elements, and how much the error of each number of the state moves them, added up.
 

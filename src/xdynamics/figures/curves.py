@@ -28,8 +28,10 @@ GOLDEN = 0.6180339887498949
 LEAP = 0.05  # of the ranges in a plane, between neighbours of a line of which rows are left out
 DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5, "linestyle": "none"}  # of rows that no line joins
 MOST_BETWEEN = 40  # points inside each step, however long it is
-WORK = 200_000_000  # numbers that an energy is made of at all points together
+WORK = 100_000_000  # numbers that an energy is made of at all points together
+STATES_WORK = 4_000_000  # numbers of all states together
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
+LARGEST_ENERGETIC = 4096  # where energies are drawn, which polynomials through rows would not show
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
@@ -132,9 +134,9 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
     exact : bool
         Whether to leave out values from polynomials between rows, for quantities that hardly change.
     """
-    curves = [between(run, name) for name in names]
+    curves = [None if exact and not _is_again(run) else between(run, name) for name in names]
     available = [curve for curve in curves if curve is not None]
-    if len(available) < len(curves) or (exact and not _is_again(run)):
+    if len(available) < len(curves):
         times, values = run.variables["time"].values, [run.variables[name].values for name in names]
     else:
         times, values = available[0][0], [curve[1] for curve in available]
@@ -146,7 +148,7 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
 
 def has_chords(run: xr.Dataset, *names: str, exact: bool = False) -> bool:
     """Whether lines go straight from row to row across steps that are long in a picture."""
-    straight = any(between(run, name) is None for name in names) or (exact and not _is_again(run))
+    straight = (exact and not _is_again(run)) or any(between(run, name) is None for name in names)
     return straight and _places(run)[0].size > 0
 
 
@@ -159,7 +161,7 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     """
     if name in run.variables and run.variables[name].dims == (STEPS,) and run.variables[name].attrs.get("role") == HELD:
         return _stairs(run.variables["time"].values, run.variables[name].values)
-    inner = _inner(run)
+    inner = inner_states(run)
     if inner is None or name not in run.variables or run.variables[name].dims != (STEPS,):
         return None
     values = inner.states.get(name)
@@ -192,7 +194,7 @@ def moments(run: xr.Dataset) -> Floats:
 _KNOWN: dict[int, tuple[weakref.ref[xr.Dataset], Inner | None]] = {}  # of records that are being drawn
 
 
-def _inner(run: xr.Dataset) -> Inner | None:
+def inner_states(run: xr.Dataset) -> Inner | None:
     """Return the states inside steps, computed once per record; None if rows are many, or some were left out."""
     kept = _KNOWN.get(id(run))
     if kept is None or kept[0]() is not run:
@@ -202,7 +204,7 @@ def _inner(run: xr.Dataset) -> Inner | None:
 
 
 def _is_again(run: xr.Dataset) -> bool:
-    inner = _inner(run)
+    inner = inner_states(run)
     return inner is not None and inner.again
 
 
@@ -224,7 +226,7 @@ def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
     h, span = np.diff(time), float(time[-1] - time[0])
     if not span > 0.0:
         return np.zeros(0), np.zeros(0, np.int64)
-    points = min(DRAWN // 2, max(n, WORK // _width(run)))
+    points = min(DRAWN // 2, max(n, WORK // _width(run)), max(n, STATES_WORK // _numbers(run)))
     fewest = min(points // n, MOST_BETWEEN)
     counts = np.where((h > 0.0) & follows(run), np.maximum(fewest, h / span * points), 0.0).astype(np.int64)
     rows = np.repeat(np.arange(n - 1), counts)
@@ -236,8 +238,14 @@ def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
 
 def _width(run: xr.Dataset) -> int:
     """Count the numbers that an energy is made of at each state: of all links, where bodies attract each other."""
-    model = _model(run)
+    model = known_model(run)
     return 1 if model is None or not model.shapes.dims else widest(model)
+
+
+def _numbers(run: xr.Dataset) -> int:
+    """Count the numbers of a state."""
+    model = known_model(run)
+    return 1 if model is None else max(1, len(model.units))
 
 
 def _is_torn(run: xr.Dataset) -> bool:
@@ -258,7 +266,9 @@ def follows(run: xr.Dataset) -> NDArray[np.bool_]:
 
 def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | None:
     """Repeat steps, shortened to end at the times; None if the record lacks what this needs, or they miss its rows."""
-    if (model := _model(run)) is None or len(model.units) > LARGEST:
+    if (model := known_model(run)) is None:
+        return None
+    if len(model.units) > (LARGEST_ENERGETIC if "total_energy" in run.variables else LARGEST):
         return None
     time, starts = run.variables["time"].values, np.unique(rows)
     ends = np.nextafter(time[starts + 1], time[starts])
@@ -274,7 +284,7 @@ def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | No
     return {name: samples.variables[name].values[: times.size] for name in model.units}
 
 
-def _model(run: xr.Dataset) -> Model | None:
+def known_model(run: xr.Dataset) -> Model | None:
     """Return the record's model, if it has one that needs no Python functions."""
     if "model_toml" not in run.variables:
         return None
@@ -284,7 +294,7 @@ def _model(run: xr.Dataset) -> Model | None:
 
 def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
     """Evaluate a quantity that is computed from states; None if it disagrees with the recorded rows."""
-    model, columns, attributes = _model(run), run.variables, run.variables[name].attrs
+    model, columns, attributes = known_model(run), run.variables, run.variables[name].attrs
     if model is None or attributes.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
         return None
     try:
@@ -312,7 +322,7 @@ def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
     if ENERGY_CHANGES in run.encoding:
         known: dict[str, float] | None = run.encoding[ENERGY_CHANGES]
         return known
-    inner, model = _inner(run), _model(run)
+    inner, model = inner_states(run), known_model(run)
     if model is None or has_chords(run, "total_energy") or not {*model.units} <= set(run.variables):
         return None
     if inner is not None and not {*model.units} <= {*inner.states}:

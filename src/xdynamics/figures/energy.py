@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import drawn, energy_changes
-from xdynamics.figures.line_panels import DASHES, over_the_run, straight
+from xdynamics.figures.curves import drawn, energy_changes, has_chords
+from xdynamics.figures.line_panels import DASHES, FEW_ROWS, over_the_run
 from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.schema import ENERGIES, STEPS
 from xdynamics.units import unit_suffix
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 EXCHANGED = 1e-2  # of the largest energy, from which on what changes the total is worth three lines
 ROUNDINGS = 16.0  # of the largest energy, for each step of a walk without a bias
+POINT = 4.0  # points of a mark at a row
 MATTERS = 0.05  # of the change of the total energy
 
 
@@ -52,17 +53,18 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
         names = [name for name in ENERGIES if name in run]
         for colour, name in zip(COLOURS, names, strict=False):
             times, (values,) = drawn(run, name)
-            axes.plot(times, values, color=colour, linewidth=1.0, label=name.split("_")[0])
+            axes.plot(times, values, color=colour, label=name.split("_")[0], **_style(run, *names))
         axes.set(ylabel=words(f"energy ({units})"))
         about = f", total constant to {_departure(run):.0e} (relative)" if kept else _changed(run)
-        axes.set_title(f"energy{about}{straight(run, *names)}", loc="left", fontsize=10)
+        axes.set_title(f"energy{about}{_at_rows(run, *names)}", loc="left", fontsize=10)
         axes.legend(fontsize=8, frameon=False)
         shade_regimes(run, axes)
         return
     less = not is_exchanged(run)
     times, (values,) = drawn(run, "total_energy", exact=True)
     label = words(beside.own) if others else None
-    axes.plot(times, values - less * energy[0], color=COLOURS[0 if others else 1], linewidth=1.0, label=label)
+    style = _style(run, "total_energy", exact=True)
+    axes.plot(times, values - less * energy[0], color=COLOURS[0 if others else 1], label=label, **style)
     for k, other in enumerate(others):
         times, values, _ = other.columns["total_energy"]
         colour, dashes = COLOURS[(k + 1) % len(COLOURS)], DASHES[k % len(DASHES)]
@@ -70,11 +72,22 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     if others:
         axes.legend(fontsize=8, frameon=False)
     axes.set(ylabel=words(f"{'E - E(0)' if less else 'E'} ({units})"))
-    note = straight(run, "total_energy", exact=True)
+    note = _at_rows(run, "total_energy", exact=True)
     known = known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, [])
     start = f" less its start, {short_number(float(energy[0]), known)}{unit_suffix(units)}" if less else ""
     axes.set_title(words(f"total energy{start}{note}"), loc="left", fontsize=10)
     over_the_run(run, axes)
+
+
+def _style(run: xr.Dataset, *names: str, exact: bool = False) -> dict[str, Any]:
+    """Return the style of lines, or of points where energies between rows are unknown: chords would miss their swings."""
+    if not has_chords(run, *names, exact=exact):
+        return {"linewidth": 1.0}
+    return {"linestyle": "none", "marker": ".", "markersize": POINT if run.sizes[STEPS] < FEW_ROWS else POINT / 2.0}
+
+
+def _at_rows(run: xr.Dataset, *names: str, exact: bool = False) -> str:
+    return "; at recorded states" if has_chords(run, *names, exact=exact) else ""
 
 
 def _changed(run: xr.Dataset) -> str:

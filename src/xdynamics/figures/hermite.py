@@ -22,8 +22,9 @@ def bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None
     chain = (name, rate(name)) if rate(name) in run.variables else (name, velocity(name), acceleration(name))
     if name == velocity(owner) and owner in run.variables:
         chain = (name, acceleration(owner))
-    if not {*chain} <= set(run.variables):
+    if chain[1] not in run.variables:
         return None
+    chain = chain if {*chain} <= set(run.variables) else chain[:2]  # of a run of states alone
     time, values = (
         run.variables["time"].values,
         [run.variables[derivative].values for derivative in chain],

@@ -12,7 +12,17 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
-from xdynamics.figures import boundaries, energy, lattice, line_panels, march_panels, plane, scenery, space
+from xdynamics.figures import (
+    boundaries,
+    energy,
+    energy_terms,
+    lattice,
+    line_panels,
+    march_panels,
+    plane,
+    scenery,
+    space,
+)
 from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
@@ -295,6 +305,8 @@ def _of_march(run: xr.Dataset, beside: Beside) -> Iterator[Keyed]:
     """Yield energies, steps, errors, and how well events were located."""
     if _drawn(run, "total_energy"):
         yield "energy", ["total_energy"], partial(energy.draw, run, beside)
+        if not beside.others and energy_terms.has_terms(run):
+            yield "energy", [], partial(energy_terms.draw, run)
     if _drawn(run, "step_size", "trial_reason", "trial_step_size", "trial_time") and not _is_steady(run):
         yield "steps", ["step_size"], partial(march_panels.steps, run, beside)
     if _drawn(run, "error_norm"):

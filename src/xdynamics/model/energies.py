@@ -18,16 +18,21 @@ def energies(model: Model) -> dict[str, Node]:
         Binary("*", Binary("/", model.expanded(entry), Number(2.0)), Binary("*", Name(moving[i]), Name(moving[j])))
         for (i, j), entry in model.statement.mass_entries.items()
     )
-    terms = [
-        in_regimes(model, name, model.expanded(force.potential))
-        for name, force in model.forces.items()
-        if force.potential is not None
-    ]
+    terms = potentials(model)
     if not terms:
         return {"kinetic_energy": kinetic}
-    potential = _sum(terms)
+    potential = _sum(terms.values())
     total = Binary("+", kinetic, potential)
     return {"kinetic_energy": kinetic, "potential_energy": potential, "total_energy": total}
+
+
+def potentials(model: Model) -> dict[str, Node]:
+    """Return the potential energy of each force term that has one: their sum, in this order, is the potential energy."""
+    return {
+        name: in_regimes(model, name, model.expanded(force.potential))
+        for name, force in model.forces.items()
+        if force.potential is not None
+    }
 
 
 def _sum(terms: Iterable[Node]) -> Node:

@@ -98,20 +98,25 @@ def written_out(model: Model, tree: Node) -> Node:
 
 def energies_of_wholes(model: Model) -> dict[str, Node]:
     """Return kinetic energy and, where a potential is known, potential and total energy."""
-    kinetic, potential = [], []
+    kinetic = []
     for i, name in enumerate(model.shaped.coordinates):
         speed = Name(velocity(name))
         mass = Binary("/", written_out(model, model.shaped.mass[i][i]), Number(2.0))
         kinetic.append(_summed(model, Binary("*", mass, Binary("*", speed, speed))))
-    for term, part in model.shaped.forces.items():
-        if part.potential is not None:
-            whole = _summed(model, written_out(model, part.potential))
-            potential.append(in_regimes(model, term, whole))
-    found = {"kinetic_energy": _total(kinetic)}
+    found, potential = {"kinetic_energy": _total(kinetic)}, potentials_of_wholes(model)
     if potential:
-        found["potential_energy"] = _total(potential)
+        found["potential_energy"] = _total([*potential.values()])
         found["total_energy"] = Binary("+", found["kinetic_energy"], found["potential_energy"])
     return found
+
+
+def potentials_of_wholes(model: Model) -> dict[str, Node]:
+    """Return the potential energy of each force term that has one, summed over all elements."""
+    return {
+        term: in_regimes(model, term, _summed(model, written_out(model, part.potential)))
+        for term, part in model.shaped.forces.items()
+        if part.potential is not None
+    }
 
 
 def _summed(model: Model, tree: Node) -> Node:
