@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.engine import NoMemoryError, engine
-from xdynamics.march.ensemble_part import EnsemblePart, copied, inputs_of
+from xdynamics.march.ensemble_part import EnsemblePart, copied, inputs_of, log_of_many
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
@@ -29,7 +29,6 @@ from xdynamics.model import Model
 from xdynamics.units import TIME, Scales, spell
 
 Floats = NDArray[np.float64]
-LOG_ROWS = 1 << 14  # of the log, which is filled repeatedly
 
 
 @dataclass(frozen=True)
@@ -216,7 +215,7 @@ def march_many(
         try:
             if side_by_side > 1:
                 return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
-            log = allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
+            log = log_of_many(law.layout, settings)
             own = {name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()}
             member = model.replace(parameters=own) if own else model, settings
             run = posed(*member, law, log, addresses_of(law))
@@ -259,7 +258,7 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
         settings.check(model)
     model, settings = members[0]
     law = law_of(settings.layout(model), sampled=False)
-    addresses, log = addresses_of(law), allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
+    addresses, log = addresses_of(law), log_of_many(law.layout, settings)
     small = allocate(law.layout, 1, sampled=0)
     runs = [posed(*member, law, small, addresses) for member in members]
     inputs = (

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels import Law
+from xdynamics.kernels import Law, Layout
 from xdynamics.march.initial_run import floor_of, widened
-from xdynamics.march.log import Log
+from xdynamics.march.log import Log, allocate, is_wide
 from xdynamics.march.run import NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -20,6 +20,9 @@ from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[tuple[str, str], Floats]  # by kind and name; one number for each run
+# rows that many runs fill at a time, at most and at least; and the bytes of wide ones: a system provides memory in pages of
+# some megabytes, of which a row of 10,000 numbers may touch all
+LOG_ROWS, FEWEST_ROWS, LOG_BYTES = 1 << 14, 64, 1 << 24
 
 
 @dataclass
@@ -66,6 +69,17 @@ def inputs_of(
                 if atol is not None:
                     atols[:, i] = atol / scales.of(model.dimensions[used]) * factors
     return plans, starts, parameters, atols
+
+
+def log_of_many(layout: Layout, settings: Settings) -> Log:
+    """Return a log for many runs, which is filled repeatedly."""
+    rows = rows_of_many(LOG_ROWS, layout.row.size)
+    return allocate(layout, rows, sampled=0, apart=settings.apart, by_rows=is_wide(layout))
+
+
+def rows_of_many(most: int, numbers: int) -> int:
+    """Return how many rows of so many numbers many runs fill at a time: some megabytes, and a step at least."""
+    return max(FEWEST_ROWS, min(most, LOG_BYTES // (8 * max(1, numbers))))
 
 
 def copied(log: Log, rows: int, events: int) -> Log:

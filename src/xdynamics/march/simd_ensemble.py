@@ -16,11 +16,11 @@ from xdynamics.kernels.machine import aligned_zeros, vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
-from xdynamics.march.ensemble_part import Arrays, EnsemblePart, inputs_of
+from xdynamics.march.ensemble_part import Arrays, EnsemblePart, inputs_of, rows_of_many
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.lane_rows import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
-from xdynamics.march.log import Log, Room, allocate
+from xdynamics.march.log import Log, Room, allocate, is_wide
 from xdynamics.march.run import EVENT_ROW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -50,7 +50,7 @@ def march_abreast(
 ) -> EnsemblePart:
     """March runs side by side, and keep some columns of their logs in a room."""
     n, layout = len(next(iter(arrays.values()))), law.layout
-    log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart)
+    log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart, by_rows=is_wide(layout))
     one = posed(model, settings, law, log, addresses_of(law))
     twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
     part = EnsemblePart.of(n, law, inputs[2])
@@ -115,7 +115,7 @@ class _Rows(NamedTuple):
     @classmethod
     def of(cls, room: Room, number: int, sources: NDArray[np.int64], flags: int, lanes: int) -> _Rows:
         """Return room for rows, or for none where no columns are kept."""
-        count = ROW_ROOM if len(sources) else 0
+        count = rows_of_many(ROW_ROOM, lanes * len(sources)) if len(sources) else 0
         shapes = {"rows": (count, len(sources), lanes), "flags": (count, flags, lanes), "owners": (count, lanes)}
         kinds = {"rows": np.float64, "flags": np.int8, "owners": np.int64}
         return cls(**{name: room.take(f"{name} {number}", shape, kinds[name]) for name, shape in shapes.items()})
