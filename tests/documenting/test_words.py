@@ -12,7 +12,7 @@ from xdynamics.cli import main
 from xdynamics.documenting.folding import WIDTH
 from xdynamics.documenting.summary import summary
 from xdynamics.documenting.words_page import OF_EVIDENCE, OF_FILES, OF_RECORDS, words_page
-from xdynamics.evidence.refining.convergence import VERDICTS
+from xdynamics.evidence.refining.judgements import VERDICTS
 from xdynamics.evidence.refining.verdict_words import MEANINGS
 
 # words for things, which are no names in a Dataset

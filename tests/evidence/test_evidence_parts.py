@@ -29,10 +29,11 @@ from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.evidence.observables import comparable, modes_behind, observe
 from xdynamics.evidence.refining import readings
-from xdynamics.evidence.refining.convergence import judge, observed_orders
+from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
 from xdynamics.evidence.refining.forecast import Bounds, obstacle
+from xdynamics.evidence.refining.judgements import judge
 from xdynamics.evidence.refining.levels import ALL, CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
 from xdynamics.evidence.refining.refinement import _bounds, _changing, _known, _stopped, _tolerances
 from xdynamics.evidence.refining.refinement import lines_of as refinement_in_words

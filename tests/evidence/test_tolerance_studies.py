@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.evidence.refining.convergence import VERDICTS, judge
+from xdynamics.evidence.refining.judgements import VERDICTS, judge
 
 TAU = 1e-3 / 10.0 ** np.arange(5)
 

@@ -15,7 +15,8 @@ from xdynamics.budgeting.numerical import Compared
 from xdynamics.budgeting.own_run import OwnRun
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
+from xdynamics.evidence.refining.convergence import observed_orders
+from xdynamics.evidence.refining.judgements import VERDICTS
 from xdynamics.evidence.refining.levels import STEPS
 from xdynamics.model import Model
 from xdynamics.schema import BOUNDS, LEVEL, flags

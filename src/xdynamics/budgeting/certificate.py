@@ -20,7 +20,7 @@ from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.budgeting.proven_bounds import ProvenBounds
 from xdynamics.budgeting.rounding import same_number, short
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
-from xdynamics.evidence.refining.convergence import NOT_CONVERGING
+from xdynamics.evidence.refining.judgements import NOT_CONVERGING
 from xdynamics.evidence.refining.verdict_words import in_words
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import Stage, computed, lazy

@@ -23,7 +23,7 @@ from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.element_attributes import elements_of, of_wholes
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.named_elements import column, event_words
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.shapes.naming import written
 from xdynamics.sweeping.sweep import sweep
@@ -139,11 +139,11 @@ class Target:
         """Return the unit of the number."""
         if self.quantity == TIME:
             return parse_unit(self.second)
-        return parse_unit(str(run[self.extreme[0] if self.extreme else self.quantity].attrs["units"]))
+        return parse_unit(str(column(run, self.extreme[0] if self.extreme else self.quantity).attrs["units"]))
 
     def extreme_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
         """Find an extreme in a run, with its time and rule; None if the number is not an extreme."""
-        return None if self.extreme is None else extreme(run, *self.extreme, model.functions)
+        return None if self.extreme is None else extreme(unfold(run), *self.extreme, model.functions)
 
     def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
         """Return the number in a run, and its errors from interpolation and from the location of the event.
@@ -164,7 +164,7 @@ class Target:
         if self.quantity == TIME:
             return float(run["event_time"].values[place]), 0.0, located
         row = int(run[f"event_row_{self.side}"].values[place])
-        return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
+        return float(column(run, self.quantity)[row]), 0.0, abs(self._rate(run, model, place)) * located
 
     def time_in(self, run: xr.Dataset) -> float:
         """Return the time of the event in a run.
@@ -190,18 +190,18 @@ class Target:
         if (model.python_functions or model.delays) and self.extreme[0] not in model.units:
             return 0.0
         name, time = self.extreme[0], run["time"].values
-        row = int(np.flatnonzero((time == top.time) & (run[name].values == top.value))[0])
+        row = int(np.flatnonzero((time == top.time) & (column(run, name).values == top.value))[0])
         doubts = run["event_time_uncertainty"].values[run["event_time"].values == top.time]
         neighbour = row + 1 if int(run["row_kind"][row]) == EVENT_AFTER else row - 1
         if not doubts.size or not 0 <= neighbour < len(time) or time[neighbour] == time[row]:
             return 0.0
         near = time[row] + NEAR * (time[neighbour] - time[row])
-        beside = float(between(run, model, name, np.array([near]), model.functions)[0][0])
+        beside = float(between(unfold(run), model, name, np.array([near]), model.functions)[0][0])
         return abs(beside - top.value) / abs(float(near - time[row])) * float(doubts.max())
 
     def _place(self, run: xr.Dataset) -> int:
         """Return the index of the event in a run."""
-        names = np.array(words_of(run["event_detector"])) if run.sizes.get("event", 0) else np.zeros(0, str)
+        names = np.array(event_words(run)) if run.sizes.get("event", 0) else np.zeros(0, str)
         places = np.flatnonzero(names == self.event)
         if len(places) < self.occurrence:
             ended = "" if run.attrs["run_outcome"] in GOOD else f", which ended badly: {run.attrs['run_outcome_text']}"
@@ -220,7 +220,7 @@ class Target:
         if near == time[row]:
             return 0.0
         beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])
-        return (beside - float(run[self.quantity].values[row])) / (near - float(time[row]))
+        return (beside - float(column(run, self.quantity)[row])) / (near - float(time[row]))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from xdynamics.elementary.arrays import exp, power
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
 from xdynamics.evidence.kept_results import ResultForm
-from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
+from xdynamics.evidence.refining.convergence import CAUTION, SAFETY, observed_orders
+from xdynamics.evidence.refining.judgements import CLOSE, Judged, judge
 from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task

@@ -21,6 +21,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
 from xdynamics.model.uncertainty import Discrepancy, matrix_of, root_of
+from xdynamics.record import unfold
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.units import Unit, coherent
 
@@ -115,7 +116,7 @@ def _slopes(
     """
     by_differences = differences(measurand, names, rounding, numbers)
     try:
-        by_equations, why = slopes_along(run, measurand.model, measurand.target, names), ""
+        by_equations, why = slopes_along(unfold(run), measurand.model, measurand.target, names), ""
     except NotVariedError as error:
         by_equations, why = {}, f"; no variational equations: {error}"
     slopes = {}

@@ -11,6 +11,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.methods import METHODS
 from xdynamics.model import Model, Trait, traits_of
 from xdynamics.model.parts import Function
+from xdynamics.record.named_elements import column
 from xdynamics.schema import velocity
 
 if TYPE_CHECKING:
@@ -35,11 +36,11 @@ def returned(run: xr.Dataset, measurand: Measurand) -> float | None:
     turned = {name: _turned(run, name, int(whole_steps[-1]), velocities) for name in (*model.coordinates, *velocities)}
     until = {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
     back = march(model.replace(initial=turned), **measurand.settings | until)
-    return abs(_turned(back, target.quantity, -1, velocities) - float(run[target.quantity][0]))
+    return abs(_turned(back, target.quantity, -1, velocities) - float(column(run, target.quantity)[0]))
 
 
 def _turned(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float:
-    value = float(run[name][row])
+    value = float(column(run, name)[row])
     return -value if name in velocities else value
 
 

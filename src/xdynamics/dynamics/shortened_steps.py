@@ -27,6 +27,7 @@ from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
+from xdynamics.model.whole import is_read_whole
 from xdynamics.record.arguments import precision_of, scales_of
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.partial_records import RARE, log_description, rows_apart
@@ -154,7 +155,7 @@ class Inside:
         model, sizes, labels = self.model, model_dimensions(self.run), shapes_of(self.run).extents
         extents = {extent.name: extent for block in self.layout.used.blocks for extent in block.extents}
         return (
-            not (reactions(model) or model.delays)  # of which columns of elements tell more
+            is_read_whole(model)
             and all(block.name in self.run.variables for block in self.layout.used.blocks)
             and all(
                 sizes.get(dim) == self.run.sizes.get(dim) == extent.size and labels[dim].labels == extent.labels
@@ -298,8 +299,9 @@ class Inside:
             if doubled:
                 columns[first + n : first + 2 * n] = found[2 * n :]
                 columns[first + 2 * n] = [rest_of_time(time) for time in high.tolist()]
-        led_to = np.stack([np.asarray(self.run[name])[rows + 1] for name in used])
-        return dict(zip(used, led_to - inner, strict=True))
+        led_to = _stacked([self.run.variables[quantity.name][rows + 1] for quantity in self.quantities])
+        defects, place = led_to - inner, self.layout.used.place
+        return {quantity.name: _along(defects, place(quantity.name), quantity) for quantity in self.quantities}
 
     @property
     def _touching(self) -> int:

@@ -17,7 +17,7 @@ from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import by_quantities, march
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
@@ -25,10 +25,9 @@ from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.record import check_kind, of_elements, shapes_of, whole_of
+from xdynamics.record import check_kind, shapes_of, unfold
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.folding import model_dimensions
 from xdynamics.record.partial_records import is_whole, kind_description
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
@@ -111,10 +110,10 @@ class Companion:
         """Add global errors to sampled states; nan after the end of the tighter run."""
         times = states[AT_TIME].values
         reached = times <= float(self.run["time"][-1])
-        run = whole_of(self.run) if model_dimensions(self.of) else self.run
+        names, errors = _with_errors(states), {}
+        run = self.run if all(name in self.run.variables for name in names) else unfold(self.run)
         tight = sampled(run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
-        errors = {}
-        for name in _with_errors(states):
+        for name in names:
             errors[name] = np.full(states.variables[name].shape, np.nan)
             errors[name][reached] = self.factor * (
                 states.variables[name].values[reached] - tight.variables[name].values
@@ -140,7 +139,6 @@ def global_error(name: str) -> str:
     return f"global_error_{name}"
 
 
-@of_elements
 def companion(
     run: xr.Dataset,
     times: Sequence[float] | Floats | float | str | None = None,
@@ -188,6 +186,8 @@ def companion(
     >>> bool(abs(companion(run).global_error_x[0] - true) < 0.1*abs(true))
     True
     """
+    check_kind(run)
+    run = by_quantities(run, functions)
     at = None if times is None else wanted_times(times, time_unit(run))
     if compute:
         return _beside(run, companion_of(run, functions), at)

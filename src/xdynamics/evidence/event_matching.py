@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.named_elements import event_words
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +22,7 @@ def met(run: xr.Dataset) -> dict[str, Rows]:
     """Return the rows of the events of each name, in order; empty for a record without events or their columns."""
     if not {"event_detector", "event_time", "event_time_uncertainty"} <= set(run.variables):
         return {}
-    names = np.array(words_of(run["event_detector"]))
+    names = np.array(event_words(run))
     return {str(name): np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
 
 

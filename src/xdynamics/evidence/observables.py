@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.elementary import kept_set
 from xdynamics.evidence.observed_quantities import ObservedQuantities
-from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
@@ -22,10 +22,13 @@ from xdynamics.model.energies import potentials
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
-from xdynamics.model.whole import potentials_of_wholes
+from xdynamics.model.whole import is_read_whole, potentials_of_wholes
 from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.named_elements import column
 from xdynamics.record.partial_records import log_description
 from xdynamics.record.run_columns import state_name
+from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.naming import DOT
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -39,6 +42,29 @@ def observables_of(model: Model) -> tuple[str, ...]:
     """Name what can be observed at any time: coordinates, velocities, states, energies, declared observables."""
     layout = layout_of(model)
     return (*layout.used, *(name for name in layout.derived if name not in layout.gaps and name not in layout.kept))
+
+
+def quantities_of(model: Model) -> tuple[str, ...]:
+    """Name what can be observed at any time by quantities: of a model that is not read whole by elements."""
+    if not is_read_whole(model):
+        return observables_of(model)
+    layout = layout_of(model)
+    return (*(block.name for block in layout.used.blocks), *layout.wholes)
+
+
+def is_observable(model: Model, name: str) -> bool:
+    """Whether a name is one of `observables_of` or of `quantities_of` a model."""
+    if not is_read_whole(model):
+        return name in observables_of(model)
+    layout = layout_of(model)
+    if DOT not in name:
+        return name in quantities_of(model)
+    return name in layout.used or (name in layout.computed and name not in layout.kept)
+
+
+def is_comparable(model: Model, name: str) -> bool:
+    """Whether a quantity, or an element of one, can be observed; see `comparable`."""
+    return name in comparable(model) if reactions(model) else is_observable(model, name)
 
 
 def comparable(model: Model) -> tuple[str, ...]:
@@ -57,43 +83,79 @@ def observe(
 ) -> dict[str, tuple[Floats, Floats]]:
     """Return values of observables at times, and their errors by interpolation of the state, in recorded units.
 
+    Returns
+    -------
+    dict of str to (ndarray, ndarray), shape (k, ...)
+        Of a quantity with dimensions, which a record may be asked for that has it as one variable, along these.
+
     Raises
     ------
     InputError
         If a name is not an observable of the model, or a time is outside the run.
     """
-    observables = dict.fromkeys(observables_of(model))
     for name in names:
-        if name not in observables:
-            raise InputError(
-                f"observable '{name}' is none of the model's; there are {', '.join(of_wholes(observables))}"
-            )
-    states = sample(run, times, rule=rule, functions=model.functions)
-    columns = states.variables
-    values = {name: (columns[name].values, columns[schema.error(name)].values) for name in names if name in columns}
-    return values | _derived(run, model, [name for name in names if name not in states], states)
+        if not is_observable(model, name):
+            known = of_wholes(observables_of(model))
+            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(known)}")
+    states = sampled(run, times, after=True, rule=rule, functions=model.functions, model=model)
+    used = layout_of(model).used
+    stored = [name for name in (*used, *(block.name for block in used.blocks)) if name in states.variables]
+    at, off = ({name: states.variables[of(name)].values for name in stored} for of in (str, schema.error))
+    integrated = [name for name in names if name in states.variables or name in used]
+    values = {name: (used.taken(at, name), used.taken(off, name)) for name in integrated}
+    others = [name for name in names if name not in values]
+    return values | _derived(run, model, others, (at, off), (states[schema.AT_TIME].values, states["row"].values))
 
 
-def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
+def _derived(
+    run: xr.Dataset,
+    model: Model,
+    names: list[str],
+    states: tuple[dict[str, Floats], dict[str, Floats]],
+    where: tuple[Floats, Rows],
+) -> dict[str, tuple[Floats, Floats]]:
     """Evaluate energies and declared observables, and how much the error of each state variable moves them."""
-    layout = layout_of(model)
-    known = {*comparable(model)}
-    if changed := [name for name in names if name not in known]:
+    if changed := [name for name in names if not is_comparable(model, name)]:
         raise InputError(
             f"observable '{changed[0]}' reads accelerations, which contacts change; ask for what it is made of"
         )
     if not names:
         return {}
-    rows, times = states["row"].values, states[schema.AT_TIME].values
-    at = {variable: states.variables[variable].values for variable in layout.used}
-    off = {variable: states.variables[schema.error(variable)].values for variable in layout.used}
-    units = np.array([[float(parse_unit(str(run.variables[name].attrs["units"])).factor)] for name in names])
+    times, rows = where
     regimes = run.variables["regime"].values[rows].astype(float) if "regime" in run.variables else np.zeros(rows.size)
     whole = ObservedQuantities.of(model, names, times, regimes, kept_set(run.attrs.get("math_functions")))
-    if whole is not None:
-        values, errors = whole.with_errors(at, off)
-        return dict(zip(names, zip(values / units, errors / units, strict=True), strict=True))
-    trees = [layout.derived[name] for name in names]
+    blocks = _blocks(model, names)
+    units = [float(parse_unit(str(column(run, name).attrs["units"])).factor) for name in names]
+    factors = np.repeat(units, [block.size for block in blocks])[:, np.newaxis]
+    values, errors = (
+        _by_elements(run, model, blocks, states, times, rows) if whole is None else whole.with_errors(*states)
+    )
+    lines = np.cumsum([block.size for block in blocks])[:-1]
+    parts = [zip(*(np.split(numbers / factors, lines) for numbers in (values, errors)), strict=True)]
+    return {
+        name: (own.T.reshape(-1, *block.shape), off.T.reshape(-1, *block.shape))
+        for name, block, (own, off) in zip(names, blocks, *parts, strict=True)
+    }
+
+
+def _blocks(model: Model, names: Sequence[str]) -> list[Block]:
+    """Return energies and observables that are asked for as blocks: of an element one of its own."""
+    computed = layout_of(model).computed
+    return [computed.block(name) if DOT not in name else Block(name, "derived") for name in names]
+
+
+def _by_elements(
+    run: xr.Dataset,
+    model: Model,
+    blocks: Sequence[Block],
+    states: tuple[dict[str, Floats], dict[str, Floats]],
+    times: Floats,
+    rows: Rows,
+) -> tuple[Floats, Floats]:
+    """Evaluate the elements of quantities one by one at states, and how much the error of each number moves them."""
+    layout = layout_of(model)
+    trees = [layout.derived[name] for block in blocks for name in (block.elements() if block.dims else (block.name,))]
+    at, off = ({name: layout.used.taken(numbers, name) for name in layout.used} for numbers in states)
 
     def evaluated(state: Mapping[str, Floats]) -> Floats:
         return np.stack(evaluated_on(run, model, trees, state, times, rows))
@@ -104,8 +166,7 @@ def _derived(run: xr.Dataset, model: Model, names: list[str], states: xr.Dataset
         for variable in layout.used
         if off[variable].any()
     )
-    errors = sum(moved, np.zeros(values.shape))
-    return dict(zip(names, zip(values / units, errors / units, strict=True), strict=True))
+    return values, sum(moved, np.zeros(values.shape))
 
 
 def tree_of(model: Model, name: str) -> Node:

@@ -20,8 +20,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
-from xdynamics.model.reactions import reactions
-from xdynamics.model.whole import Quantity, has_wholes, motion_of_wholes
+from xdynamics.model.whole import Quantity, is_read_whole, motion_of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
@@ -45,7 +44,7 @@ class ObservedQuantities:
     ----------
     model : Model
     names : sequence of str
-        Of the elements.
+        Of the elements, or of quantities for all of theirs.
     values : mapping of str to ndarray
         What their expressions read besides the state, by the names of quantities: numbers, or along dimensions.
     count : int
@@ -66,7 +65,7 @@ class ObservedQuantities:
         That is so without dimensions, where expressions read what is not known of the state alone (drives, forces, contacts,
         delayed values), and with elementary functions of older records.
         """
-        if not has_wholes(model) or reactions(model) or model.delays or math_functions != NAME:
+        if not is_read_whole(model) or math_functions != NAME:
             return None
         wholes = layout_of(model).wholes
         if not all(parted(name)[0] in wholes for name in names):
@@ -76,7 +75,7 @@ class ObservedQuantities:
         return None if given is None else cls(model, names, {**given, "t": times, REGIME_NUMBER: regimes}, len(times))
 
     def of_states(self, states: Mapping[str, Floats]) -> Floats:
-        """Evaluate the elements at states in recorded units: shape (names, k), SI."""
+        """Evaluate the elements at states in recorded units: shape (numbers, k), SI."""
         return np.concatenate(
             [here.chosen(here.evaluated(self._wholes, here.gathered(states, part))) for part, here in self._parts()],
             axis=1,
@@ -95,12 +94,12 @@ class ObservedQuantities:
 
         Parameters
         ----------
-        states, errors : mapping of str to ndarray, shape (k,)
-            By the names of elements of the state, in recorded units.
+        states, errors : mapping of str to ndarray, shape (k, ...)
+            By the names of quantities of the state, or of their elements, in recorded units.
 
         Returns
         -------
-        values, errors : ndarray, shape (names, k), SI
+        values, errors : ndarray, shape (numbers, k), SI
         """
         found = [
             here.moved_by(here.gathered(states, part), here.gathered(errors, part)) for part, here in self._parts()
@@ -223,8 +222,11 @@ class ObservedQuantities:
         """Return some states, in recorded units, by the names of quantities."""
         found = {}
         for block in layout_of(self.model).used.blocks:
-            rows = np.stack([numbers[name][part] for name in (block.elements() if block.dims else (block.name,))])
-            found[block.name] = rows.reshape(*block.shape, self.count)
+            if block.name in numbers:
+                found[block.name] = np.ascontiguousarray(np.moveaxis(numbers[block.name][part], 0, -1))
+            else:
+                rows = np.stack([numbers[name][part] for name in block.elements()])
+                found[block.name] = rows.reshape(*block.shape, self.count)
         return found
 
     def _factor(self, block: Block) -> float:
@@ -243,15 +245,19 @@ class ObservedQuantities:
         return {name: numbers.reshape(-1, self.count) for name, numbers in found.items()}
 
     @cached_property
-    def _places(self) -> list[tuple[str, int]]:
-        """The quantity of each element, and its number there."""
+    def _places(self) -> list[tuple[str, slice]]:
+        """The quantity of each name, and which of its numbers are asked for: one, or of the quantity itself all."""
         computed = layout_of(self.model).computed
         blocks = [computed.block(name) for name in self.names]
-        return [(block.name, block.number(name) or 0) for block, name in zip(blocks, self.names, strict=True)]
+        numbers = [block.number(name) for block, name in zip(blocks, self.names, strict=True)]
+        return [
+            (block.name, slice(0, block.size) if number is None else slice(number, number + 1))
+            for block, number in zip(blocks, numbers, strict=True)
+        ]
 
     def chosen(self, values: Mapping[str, Floats]) -> Floats:
-        """Return the elements that were asked for, of whole quantities: shape (names, k)."""
-        return np.stack([values[name][number] for name, number in self._places])
+        """Return the numbers that were asked for, of whole quantities: shape (numbers, k)."""
+        return np.concatenate([values[name][numbers] for name, numbers in self._places])
 
 
 def widest(model: Model) -> int:

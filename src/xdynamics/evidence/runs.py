@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import store_of
+from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
+from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.model.whole import is_read_whole
+from xdynamics.record.folding import model_dimensions
 from xdynamics.record.size import check_room
 from xdynamics.runtime.lazy_imports import load_dask_whole
 
@@ -43,7 +47,7 @@ def record_of(
 def march(model: Model, path: Place | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
-    Quantities with dimensions have a variable for each of their elements.
+    Quantities with dimensions are one variable each, but where elements alone tell all; see `by_quantities`.
 
     Raises
     ------
@@ -81,9 +85,29 @@ def marched_by(
     load_dask_whole()
     prepared = March(model, settings)
     if path is not None and (kept := _kept(prepared, path)) is not None:
-        return record.unfold(kept)
+        return read_whole(kept, model)
     check_room(prepared, memory, path and store_of(path).written_at(path))
     run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
+    return read_whole(run, model)
+
+
+def march_elements(model: Model, **asked: Any) -> xr.Dataset:
+    """March a model as `march` does; quantities with dimensions have a variable for each of their elements."""
+    return record.unfold(march(model, **asked))
+
+
+def read_whole(run: xr.Dataset, model: Model) -> xr.Dataset:
+    """Return the whole record of a model's march as verbs read it; see `by_quantities`."""
+    return run if is_read_whole(model) else record.unfold(run)
+
+
+def by_quantities(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
+    """Return a record as verbs read it: with one variable for each quantity, or where that tells too little for each element.
+
+    Elements are told apart where contacts or delays act, masses couple dimensions, or some elements were left out.
+    """
+    if not model_dimensions(run) or Inside(run, functions or {}, REINTEGRATE).takes_quantities:
+        return run
     return record.unfold(run)

@@ -14,6 +14,7 @@ from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
+from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
@@ -105,9 +106,8 @@ def sample(
     if not model_dimensions(run):
         return _states(run, times, side, rule, functions, companion=companion, compute=compute)
     record.check_kind(run)
-    if not Inside(run, functions or {}, rule).takes_quantities:
-        return record.of_elements(_states)(run, times, side, rule, functions, companion=companion, compute=compute)
-    states = _states(run, times, side, rule, functions, companion=companion, compute=compute)
+    read = by_quantities(run, functions)
+    states = _states(read, times, side, rule, functions, companion=companion, compute=compute)
     return labelled(fold(states, record.shapes_of(run)))
 
 
@@ -138,7 +138,7 @@ def _described(
     states = Inside.of(run, functions, rule).blank(len(wanted))
     states = states.assign_coords({AT_TIME: (AT, wanted, states[AT_TIME].attrs)})
     states = states if tighter is None else tighter.blank_beside(states)
-    call = partial(_in_task, wanted, side == "after", rule, functions, tighter, bool(model_dimensions(run)))
+    call = partial(_in_task, wanted, side == "after", rule, functions, tighter)
     needs = () if tighter is None else (tighter.task,)
     task = task_of_runs("sample", call, (run,), wanted.tolist(), side, rule, companion, needs=needs)
     return lazy(Stage(states, task, (AT_TIME,)))
@@ -150,11 +150,9 @@ def _in_task(
     rule: str,
     functions: Functions | None,
     tighter: Tighter | None,
-    of_quantities: bool,  # noqa: FBT001 - as before
     run: xr.Dataset,
     *marched: xr.Dataset,
 ) -> xr.Dataset:
     """Evaluate states in a task; of a run in chunks only those are read that are needed."""
-    run = record.whole_of(run) if of_quantities else run
     states = in_memory(sampled(run, wanted, after=after, rule=rule, functions=functions))
     return states if tighter is None else tighter.beside(run, marched[0], functions).beside(states)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,20 +14,26 @@ ROLE = "scaled"
 
 
 def scale_of(expected: Any, computed: Any) -> Any:
-    """Return the largest absolute expected value; where that is 0, the largest computed one.
+    """Return the largest absolute expected value along the first axis; where that is 0, the largest computed one.
 
     Examples
     --------
     >>> float(scale_of(np.array([0.0, -2.0]), np.array([0.1, -2.2]))), float(scale_of(np.zeros(2), np.array([0.0, 1e-3])))
     (2.0, 0.001)
     """
-    largest = np.abs(expected).max()
-    return np.where(largest > 0.0, largest, np.abs(computed).max())
+    largest = np.abs(expected).max(axis=0)
+    return np.where(largest > 0.0, largest, np.abs(computed).max(axis=0))
 
 
 def over(residual: Any, scale: Any) -> Any:
     """Return residuals over their scale; 0 where both are 0."""
     return residual / np.where(scale > 0.0, scale, 1.0)
+
+
+def root_mean_square(numbers: Any) -> Any:
+    """Return the root of the mean square along the first axis, of each element the same as of it alone."""
+    along = np.ascontiguousarray(np.moveaxis(np.asarray(numbers) ** 2, 0, -1))  # where NumPy sums pairwise
+    return np.sqrt(np.mean(along, axis=-1))
 
 
 def scaled(
@@ -49,10 +55,10 @@ def scaled(
     name : str
         Name of the quantity.
     residual : array
-    scale : number
+    scale : number, or array
         What `scale_of` returned.
     dims : sequence of str
-        Of the residual.
+        Of the residual; the scale and the norms have all but the first.
     units : str
         Of the scale.
     said : str
@@ -68,12 +74,15 @@ def scaled(
             over(residual, scale),
             about("1", f"{key} over {schema.scale(kind, name)}", ROLE) | rule,
         ),
-        schema.scale(kind, name): ((), scale, about(units, f"scale of {key}: {said}", "scale") | rule),
+        schema.scale(kind, name): (tuple(dims)[1:], scale, about(units, f"scale of {key}: {said}", "scale") | rule),
     }
-    sizes = {"rms": lambda off: np.sqrt(np.mean(off**2)), "largest": lambda off: np.max(np.abs(off))}
+    sizes: dict[str, Callable[[Any], Any]] = {
+        "rms": root_mean_square,
+        "largest": lambda off: np.max(np.abs(off), axis=0),
+    }
     return variables | {
         schema.scaled(f"{norm}_{key}"): (
-            (),
+            tuple(dims)[1:],
             over(sizes[norm](residual), scale),
             about("1", f"{norm}_{key} over {schema.scale(kind, name)}", ROLE) | rule,
         )

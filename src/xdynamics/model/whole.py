@@ -14,6 +14,7 @@ from xdynamics.model.elements import Elements
 from xdynamics.model.model import Model
 from xdynamics.model.motion import in_regimes
 from xdynamics.model.parts import Function
+from xdynamics.model.reactions import reactions
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.shapes import Shapes, dims_of
 from xdynamics.shapes.gradient import derivative
@@ -26,6 +27,11 @@ def has_wholes(model: Model) -> bool:
     """Whether a model has dimensions, and its motion is that of `motion_of_wholes`."""
     derived = model.shaped.lagrangian is not None  # its mass is full, and of elements alone
     return bool(model.shapes.dims) and not derived and not model.mass_is_full
+
+
+def is_read_whole(model: Model) -> bool:
+    """Whether states inside a run's steps follow from whole quantities; contacts and delays are told of elements alone."""
+    return has_wholes(model) and not (reactions(model) or model.delays)
 
 
 @lru_cache(maxsize=64)

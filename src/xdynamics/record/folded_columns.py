@@ -25,6 +25,9 @@ from xdynamics.schema import (
     flags,
 )
 from xdynamics.shapes import Extent, Shapes
+from xdynamics.shapes.extents import number_of_element
+from xdynamics.shapes.naming import DOT
+from xdynamics.shapes.naming import parted as parted_name
 from xdynamics.units import NUMBERS
 
 Array = NDArray[Any]
@@ -57,18 +60,28 @@ def parted(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
     """Make columns of the elements of each quantity with dimensions, which were columns of them all."""
     collected: list[Column] = []
     for column in columns:
-        own = tuple(dim for dim in column.variable.dims if dim in shapes.extents or dim in shapes.relations)
+        own = _model_dims(column, shapes)
         collected += _elements(column, own, shapes) if own else [column]
     return collected
 
 
 def _elements(column: Column, dims: tuple[str, ...], shapes: Shapes) -> Iterator[Column]:
     """Yield the columns of the elements of a quantity."""
-    variable, size = column.variable, math.prod(shapes.shape(dims))
-    own = variable.dims[: len(variable.dims) - len(dims)]
-    for number, name in enumerate(shapes.elements(variable.name, dims)):
-        more = attributes_of_element(variable.more, number, size)
-        yield Column(replace(variable, name=name, dims=own, more=more), _element_of(column, number))
+    extents = tuple(map(shapes.extent, dims))
+    for number, name in enumerate(shapes.elements(column.variable.name, dims)):
+        yield _element(column, name, extents, number)
+
+
+def _model_dims(column: Column, shapes: Shapes) -> tuple[str, ...]:
+    return tuple(dim for dim in column.variable.dims if dim in shapes.extents or dim in shapes.relations)
+
+
+def _element(column: Column, name: str, extents: tuple[Extent, ...], number: int) -> Column:
+    """Return the column of one element of a quantity."""
+    variable = column.variable
+    more = attributes_of_element(variable.more, number, math.prod(extent.size for extent in extents))
+    own = variable.dims[: len(variable.dims) - len(extents)]
+    return Column(replace(variable, name=name, dims=own, more=more), _element_of(column, number))
 
 
 def _element_of(column: Column, number: int) -> Callable[[LogBlock], Array]:
@@ -81,6 +94,29 @@ def _element_of(column: Column, number: int) -> Callable[[LogBlock], Array]:
         return values.reshape(len(values), math.prod(values.shape[1:]))[:, number]  # of no row -1 would be anything
 
     return take
+
+
+class NamedColumns(Mapping[str, Column]):
+    """Columns by their names, also those of elements, which are made where they are asked for."""
+
+    def __init__(self, columns: Iterable[Column], shapes: Shapes) -> None:
+        self._columns = {column.variable.name: column for column in columns}
+        self._shapes = shapes
+
+    def __getitem__(self, name: str) -> Column:
+        if name in self._columns or DOT not in name:
+            return self._columns[name]
+        whole = self._columns[parted_name(name)[0]]
+        extents = tuple(self._shapes.extent(dim) for dim in _model_dims(whole, self._shapes))
+        if (number := number_of_element(name, extents)) is None:
+            raise KeyError(name)
+        return _element(whole, name, extents, number)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
 
 
 def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) -> list[tuple[Variable, Any]]:

@@ -28,7 +28,7 @@ from xdynamics.record.element_attributes import attributes_of_whole, of_whole, o
 from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.first_order_columns import of_first_order
-from xdynamics.record.folded_columns import dimensions, folded, parted
+from xdynamics.record.folded_columns import NamedColumns, dimensions, folded, parted
 from xdynamics.record.parameter_columns import parameters
 from xdynamics.record.rest_column import rest_column
 from xdynamics.record.switches import passed, side_columns
@@ -114,6 +114,12 @@ def _is_logged(march: March, quantity: Quantity) -> NDArray[np.bool_]:
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
     """Return the columns of a march that keeps no force samples, one for each element."""
     return parted(_columns(About(layout, settings.scales, settings.tolerances, samples=False)), layout.model.shapes)
+
+
+def named_columns(layout: Layout, settings: Settings) -> NamedColumns:
+    """Return the same by name, of quantities and of elements."""
+    about = About(layout, settings.scales, settings.tolerances, samples=False)
+    return NamedColumns(_columns(about), layout.model.shapes)
 
 
 @lru_cache(maxsize=64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
 from itertools import product
@@ -12,6 +13,7 @@ import numpy as np
 from xdynamics.record.element_attributes import attributes_of_element
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import FOLDED, fold, labelled, model_dimensions, unlabelled
+from xdynamics.record.named_elements import DETECTOR, detectors_of, dims_of_detectors, has_labels, labels_of
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
     ELEMENT_NAME,
@@ -33,8 +35,6 @@ if TYPE_CHECKING:
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
-DETECTOR = "event_detector"
-
 
 def unfold(dataset: xr.Dataset) -> xr.Dataset:
     """Make variables of the elements of each quantity: views, which are read when they are used.
@@ -49,7 +49,7 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
         return dataset
     import xarray as xr
 
-    labels = {dim: _labels(dataset, dim) for dim in dims if dim in dataset.dims}
+    labels = {dim: labels_of(dataset, dim) for dim in dims if dim in dataset.dims}
     about = {name for dim in dims for name in (dim, label_of(dim), end_of(dim, "first"), end_of(dim, "second"))}
     variables: dict[Any, Any] = {}
     coordinates = []
@@ -61,7 +61,7 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
         variables |= parts
         coordinates += [*parts] if name in dataset.coords else []
     if DETECTOR in variables:
-        variables |= _detectors(variables, [*dims], labels)
+        variables |= _detectors(dataset, variables, [*dims], labels)
     indexes = {name: index for name, index in dataset.xindexes.items() if name in variables}
     unfolded = xr.Dataset._construct_direct(  # noqa: SLF001 - the constructor takes each variable apart several times
         variables,
@@ -84,13 +84,6 @@ def whole_of(dataset: xr.Dataset) -> xr.Dataset:
 def as_recorded(dataset: xr.Dataset) -> xr.Dataset:
     """Return what a Dataset was before it was unfolded, as a file has it."""
     return unlabelled(whole_of(dataset))
-
-
-def _labels(dataset: xr.Dataset, dim: str) -> Sequence[str]:
-    for name in (dim, label_of(dim)):
-        if name in dataset.variables and dataset.variables[name].dims == (dim,):
-            return [str(label) for label in np.asarray(dataset.variables[name]).tolist()]
-    return [str(number) for number in range(dataset.sizes[dim])]
 
 
 def _elements(
@@ -124,20 +117,18 @@ def _taker(variable: xr.Variable, own: int) -> Callable[[tuple[int, ...]], Any]:
 
 
 def _detectors(
-    variables: Mapping[Any, Any], dims: Sequence[str], labels: Mapping[str, Sequence[str]]
+    dataset: xr.Dataset, variables: Mapping[Any, Any], dims: Sequence[str], labels: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
     """Return which detector of which element each event is of, as one flag."""
     import xarray as xr
 
     detector = variables[DETECTOR]
-    along = _dims_of_detectors(detector.attrs)
+    along = dims_of_detectors(detector.attrs)
     words = str(detector.attrs["flag_meanings"]).split()
-    names: list[str] = []
-    first = {}
+    first, names = {}, 0
     for number, word in zip(np.atleast_1d(detector.attrs["flag_values"]).tolist(), words, strict=True):
-        first[number] = len(names)
-        own = along.get(word, ())
-        names += [element(word, place) for place in product(*(labels[dim] for dim in own))] if own else [word]
+        first[number] = names
+        names += math.prod(len(labels[dim]) for dim in along.get(word, ()))
     numbers = np.asarray(detector.values)
     combined = np.array([first[number] for number in numbers.tolist()], np.int32)
     inside = np.zeros(len(combined), np.int32)
@@ -148,14 +139,9 @@ def _detectors(
     single = [number for number, word in zip(first, words, strict=True) if word not in along]
     inside[np.isin(numbers, single)] = 0  # impacts of many links are of one detector
     attributes = {key: value for key, value in detector.attrs.items() if key != DETECTOR_DIMENSIONS}
-    attributes |= flags(dict(enumerate(names)), "i4")
+    attributes |= flags(dict(enumerate(detectors_of(dataset))), "i4")
     # fastpath: xarray would import dask to find out that the numbers are not one of its arrays
     return {DETECTOR: xr.Variable(detector.dims, (combined + inside).astype(np.int32), attributes, fastpath=True)}
-
-
-def _dims_of_detectors(attributes: Mapping[Any, Any]) -> dict[str, tuple[str, ...]]:
-    entries = [entry.partition(": ") for entry in str(attributes.get(DETECTOR_DIMENSIONS, "")).split("; ")]
-    return {kind: tuple(of.split()) for kind, _, of in entries if kind}
 
 
 def shapes_of(dataset: Any) -> Shapes:
@@ -166,7 +152,7 @@ def shapes_of(dataset: Any) -> Shapes:
         return NO_SHAPES
     relations = {dim: _relation(dataset, dim) for dim in sizes if end_of(dim, "first") in dataset.variables}
     extents = {
-        dim: Extent(dim, size, tuple(_labels(dataset, dim)) if _has_labels(dataset, dim) else ())
+        dim: Extent(dim, size, tuple(labels_of(dataset, dim)) if has_labels(dataset, dim) else ())
         for dim, size in sizes.items()
         if dim not in relations
     }
@@ -175,12 +161,8 @@ def shapes_of(dataset: Any) -> Shapes:
         for name, variable in dataset.variables.items()
     }
     if DETECTOR in dataset.variables:
-        dims |= _dims_of_detectors(dataset.variables[DETECTOR].attrs)
+        dims |= dims_of_detectors(dataset.variables[DETECTOR].attrs)
     return Shapes(extents, relations, {name: own for name, own in dims.items() if own})
-
-
-def _has_labels(dataset: xr.Dataset, dim: str) -> bool:
-    return any(name in dataset.variables and dataset.variables[name].dims == (dim,) for name in (dim, label_of(dim)))
 
 
 def _relation(dataset: xr.Dataset, name: str) -> Relation:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -161,6 +161,14 @@ class Blocks(Sequence[str]):
     def block(self, name: str) -> Block:
         """Return the block that has a number of some name."""
         return self._by_name[parted(name)[0] if name not in self._by_name else name]
+
+    def taken(self, numbers: Mapping[str, Any], name: str) -> Any:
+        """Return numbers of a block or of one of its elements, from those of blocks, whose dimensions are last."""
+        if name in numbers:
+            return numbers[name]
+        block = self.block(name)
+        place: Any = (..., *block.places(name).values())
+        return numbers[block.name][place]
 
     def _find(self, name: str) -> int | None:
         """Return the place of a number by its own name."""

@@ -19,6 +19,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.model.whole import is_read_whole
 from xdynamics.record.folding import fold, labelled
 from xdynamics.record.run_dataset import KNOWN_BEFORE
 from xdynamics.schema import AT, AT_TIME, CLOSED_LINKS, EVENTS, GIVEN_STEP, SAMPLES, STEPS, TRIALS
@@ -52,7 +53,9 @@ def unmarched_run(
     if wanted is None:
         run = record.described(march, _sizes(march, sizes))
         known = [str(name) for name, variable in run.variables.items() if variable.attrs["role"] in KNOWN_BEFORE]
-        return lazy(Stage(_with_outcome(run), task, [*known, GIVEN_STEP.name], record.unfold(record.foreseen(march))))
+        foreseen = labelled(record.foreseen(march))
+        foreseen = foreseen if is_read_whole(model) else record.unfold(foreseen)
+        return lazy(Stage(_with_outcome(run), task, [*known, GIVEN_STEP.name], foreseen))
     if sizes:
         raise InputError(f"sizes are {dict(sizes)}, and times say already how many states there are; leave sizes out")
     if place is None:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
+from xdynamics.evidence.refining.convergence import observed_orders
+from xdynamics.evidence.refining.judgements import VERDICTS, judge
 from xdynamics.evidence.stages import computed, is_lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS

@@ -26,8 +26,9 @@ from xdynamics.model.motion import constants, read_by
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
-from xdynamics.record.run_columns import columns_of, state_name
+from xdynamics.record.run_columns import named_columns, state_name
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes.blocks import Block
 from xdynamics.units import parse_unit, spell
 
 Floats = NDArray[np.float64]
@@ -67,16 +68,21 @@ class Harvest:
     @cached_property
     def columns(self) -> Mapping[str, Column]:
         """Every variable of the records, and how it is taken from the kept logs."""
-        return {column.variable.name: column for column in columns_of(self.layout, self.settings)}
+        return named_columns(self.layout, self.settings)
+
+    @cached_property
+    def _filled(self) -> frozenset[str]:
+        return frozenset(self.runs.columns)
 
     @cached_property
     def _taken(self) -> dict[str, NDArray[Any]]:
         return {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a variable of the records, concatenated over all members, in the unit of a record."""
+        """Return a variable of the records, or an element of one, over all rows of all members, in the unit of a record."""
         if name not in self._taken:
-            if name in self.layout.row and name not in self.runs.columns:
+            row = self.layout.row
+            if row.find(name) is not None and (name if name in row else row.block(name).first) not in self._filled:
                 raise KeyError(f"'{name}' was not kept of the logs")
             self._taken[name] = self.columns[name].take(self.runs.kept)
         return self._taken[name]
@@ -124,8 +130,9 @@ class Harvest:
 
     def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
         """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
-        time, wanted = self["time"], step_columns(self.model, self.settings, rows, following)
-        columns = np.stack([self[name][chosen] for name, chosen in wanted])
+        names = [block.name for block in self.layout.used.blocks]
+        time, wanted = self["time"], step_columns(self.model, self.settings, rows, following, names)
+        columns = np.concatenate([self[name][chosen].reshape(chosen.size, -1).T for name, chosen in wanted])
         if self.model.delays:
             return self._with_past(members, np.stack([times, time[rows], time[following]]), columns, judged=judged)
         return states_within(
@@ -178,8 +185,15 @@ class Harvest:
         return {}
 
     def value(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
-        """Evaluate a quantity at states inside steps, in the unit of a record."""
-        return states[name] if name in states else self._evaluated(name, VALUE, states, members, rows, times)[0]
+        """Evaluate a quantity, or an element of one, at states inside steps, in the unit of a record: shape (k, ...)."""
+        if name in states:
+            return states[name]
+        row = self.layout.row
+        block = Block(name, "") if row.find(name) is None or name in row else row.block(name)
+        if not block.dims:
+            return self._evaluated(name, VALUE, states, members, rows, times)[0]
+        elements = [self.value(element, states, members, rows, times) for element in block.elements()]
+        return np.stack(elements, axis=-1).reshape(-1, *block.shape)
 
     def rate(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> Floats:
         """Evaluate the rate of a quantity whose rate is known."""

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, RULES
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.observables import comparable, observables_of
+from xdynamics.evidence.observables import is_comparable, is_observable, observables_of
 from xdynamics.faults import InputError, few
 from xdynamics.model import Model
 from xdynamics.model.joints import joint_reactions
+from xdynamics.model.whole import is_read_whole
 from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
 from xdynamics.record.element_names import Names, Whole, expanded
-from xdynamics.record.run_columns import columns_of
+from xdynamics.record.run_columns import named_columns
 from xdynamics.schema import AT, OCCURRENCE, flags
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.naming import DOT, written
+from xdynamics.shapes.naming import DOT, parted, written
 from xdynamics.sweeping.ensemble_records import Harvest
 from xdynamics.sweeping.extrema import NO_RULE, extremes
 from xdynamics.units import SECONDS, Unit, time_in
@@ -111,7 +112,8 @@ class Keeping:
         if unknown:
             known = of_wholes(reader.known())
             raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {few(known)}")
-        return folded(variables, model.shapes)
+        own = {name: variable for name, variable in variables.items() if parted(name)[0] not in {*variables} - {name}}
+        return folded(own, model.shapes)  # an element whose quantity is kept is in it
 
 
 def folded(variables: Mapping[str, Kept], shapes: Shapes) -> tuple[Kept, ...]:
@@ -150,23 +152,26 @@ class _WordReader:
     def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:
         self.keeping, self.model = keeping, model
         self.layout = settings.layout(model)
-        self.columns = {column.variable.name: column.variable for column in columns_of(self.layout, settings)}
-        detectors = str(self.columns["event_detector"].more["flag_meanings"]).split()
+        self.columns = named_columns(self.layout, settings)
+        detectors = str(self.columns["event_detector"].variable.more["flag_meanings"]).split()
         self.detectors = detectors if self.layout.watched else []
-        self.quantities = observables_of(model)
         self.motion = (
             "time",
             "step_size",
             *self.layout.used,
             *self.layout.reactions,
         )  # what states inside steps are computed from
-        self.loads = (*self.layout.loads, *joint_reactions(model.joints))  # they have extremes too
-        self.words = expanded(map(written, keeping.words), self.known(), model.shapes)
+        self.loads = {*self.layout.loads, *joint_reactions(model.joints)}  # they have extremes too
+        self.words = tuple(one for word in map(written, keeping.words) for one in self._one_by_one(word))
+
+    def _one_by_one(self, word: str) -> tuple[str, ...]:
+        """Return a word of a quantity as those of its elements, where it is not read whole."""
+        return (word,) if self.reads(word) else expanded((word,), self.known(), self.model.shapes)
 
     def known(self) -> list[str]:
         """List the words that can be kept."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
-        quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
+        quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in observables_of(self.model)]
         beside = [f"{word}{name}_…" for name in self.single_detectors for word in (AFTER, BEFORE)]
         loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
         return [END, LOG, *events, *beside, *quantities, *loads]
@@ -178,14 +183,27 @@ class _WordReader:
 
     def sampled(self) -> list[str]:
         """Return what is kept at times by default: every state, if times are given and no quantity is named."""
-        named = {*self.words} & {*self.quantities}
-        return [] if named or not self.keeping.times.size else list(self.layout.used)
+        named = any(is_observable(self.model, word) for word in self.words)
+        return [] if named or not self.keeping.times.size else self.states
+
+    @property
+    def states(self) -> list[str]:
+        """Coordinates, velocities and states: quantities where these are read whole, else elements."""
+        used = self.layout.used
+        return [block.name for block in used.blocks] if is_read_whole(self.model) else [*used]
+
+    def reads(self, word: str) -> bool:
+        """Whether a word stands for variables, as it is."""
+        try:
+            return word in (END, LOG) or bool(self.read(word))
+        except InputError:  # which says why it cannot be kept
+            return True
 
     def read(self, word: str) -> list[Kept]:
         """Return the variables that a word stands for; none if it is not known."""
         if word == END:
-            return [self._end(name) for name in self.layout.used]
-        if word in self.quantities:
+            return [self._end(name) for name in self.states]
+        if is_observable(self.model, word):
             return [self._at(word)]
         for head, make in ((EVENT_TIME, self._event_time), (EVENT_COUNT, self._event_count)):
             if word.removeprefix(head) in self.detectors and word.startswith(head):
@@ -194,8 +212,10 @@ class _WordReader:
             name = word.removeprefix(head)
             if name in self.loads and word.startswith(head) and head != "end_":
                 return self._extreme(word, name)
-            if name in self.quantities and word.startswith(head):
-                return [self._end(name)] if head == "end_" else self._extreme(word, name)
+            if word.startswith(head) and is_observable(self.model, name):
+                if head == "end_":
+                    return [self._end(name)]
+                return [] if self.columns[name].variable.dims[1:] else self._extreme(word, name)
         for head in (AFTER, BEFORE):
             for detector in self.single_detectors:
                 name = word.removeprefix(f"{head}{detector}_")
@@ -204,11 +224,11 @@ class _WordReader:
         return []
 
     def _end(self, name: str) -> Kept:
-        column = self.columns[name]
+        column = self.columns[name].variable
         return Kept(
             f"end_{name}",
-            (),
-            (),
+            column.dims[1:],
+            self.model.shapes.shape(column.dims[1:]),
             column.units,
             f"{column.long_name}, where the run ended",
             column.role,
@@ -216,16 +236,17 @@ class _WordReader:
         )
 
     def _at(self, name: str) -> Kept:
-        times, column = self.keeping.times, self.columns[name]
+        times, column = self.keeping.times, self.columns[name].variable
+        shape = self.model.shapes.shape(column.dims[1:])
         if not times.size:
             raise InputError(f"keep has '{name}', which needs times=[…]; or keep 'end_{name}'")
-        if name not in comparable(self.model):
+        if not is_comparable(self.model, name):
             raise InputError(
                 f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of"
             )
 
         def take(runs: Harvest) -> Values:
-            values = np.full((runs.size, times.size), np.nan)
+            values = np.full((runs.size, times.size, *shape), np.nan)
             members, indices, states, rows = runs.at_times(times)
             if members.size:
                 values[members, indices] = runs.value(name, states, members, rows, times[indices])
@@ -233,8 +254,8 @@ class _WordReader:
 
         return Kept(
             name,
-            (AT,),
-            (times.size,),
+            (AT, *column.dims[1:]),
+            (times.size, *shape),
             column.units,
             f"{column.long_name}; nan behind the end of a run",
             column.role,
@@ -258,7 +279,7 @@ class _WordReader:
         return Kept(f"{EVENT_COUNT}{detector}", (), (), "1", f"how often '{detector}' was met", EVENT, take, dtype="i8")
 
     def _beside(self, word: str, head: str, detector: str, name: str) -> Kept:
-        column, side = self.columns[name], "event_row_after" if head == AFTER else "event_row_before"
+        column, side = self.columns[name].variable, "event_row_after" if head == AFTER else "event_row_before"
 
         def take(runs: Harvest, places: Values) -> Values:
             first = np.repeat(runs.runs.first_row[:-1], np.diff(runs.runs.first_event))
@@ -300,7 +321,7 @@ class _WordReader:
 
     def _extreme(self, word: str, name: str) -> list[Kept]:
         """Return the largest or least value of a quantity, and when it was reached."""
-        sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name]
+        sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name].variable
         description = f"{'largest' if sign > 0 else 'least'} {name} of the run"
         reads, rules = (*self.motion, name), flags({NO_RULE: "none", **dict(enumerate(RULES))})
 

@@ -6,10 +6,13 @@ import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from xdynamics import archive, record
 from xdynamics.archive.place import Place, placed
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march, read_whole
 from xdynamics.faults import ArchiveError
+from xdynamics.kernels.layout import layout_of
 from xdynamics.march import March
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
@@ -60,30 +63,38 @@ def member(
     True
     """
     grid = plan_of(sweep, functions).grid
-    folder, sweep = folder_of(sweep), record.unfold(sweep)
+    folder, sweep = folder_of(sweep), read_whole(sweep, grid.model)
     at = places_of(grid, labels)
     place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
-    ends = [f"end_{name}" for name in ("time", *grid.model.units) if f"end_{name}" in sweep]
+    states = [block.name for block in layout_of(grid.model).used.blocks]
+    ends = [f"end_{name}" for name in ("time", *states) if f"end_{name}" in sweep]
     catalogued = sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(place).compute()
     if FILE in catalogued and str(catalogued[FILE].values) and folder:
         return opened(place_of(folder, str(catalogued[FILE].values)), str(catalogued[DIGEST].values))
     is_archived = FILE in catalogued
     recorded = is_archived and grid.recording
-    run = record.unfold(_recorded(grid, at)) if recorded else march(grid.model_of(at), **grid.asked_of(at))
-    digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, list(grid.model.units))
+    model = grid.model_of(at)
+    run = read_whole(_recorded(grid, at), model) if recorded else march(model, **grid.asked_of(at))
+    digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, states)
     results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
-        entry: str(run[entry.removeprefix("end_")].values[-1]) for entry in ends if entry.removeprefix("end_") in run
+        entry: run[entry.removeprefix("end_")].values[-1] for entry in ends if entry.removeprefix("end_") in run
     }
     differences = [
         f"{name} is {entry}, in the sweep {value}"
         for name, entry in results.items()
-        if name in catalogued and (value := str(catalogued[name].values)) != entry
+        if name in catalogued and not _same(value := catalogued[name].values, entry)
     ]
     if differences:
         raise ArchiveError(
             f"member {grid.name_of(at)}, marched again, comes to something else: {'; '.join(differences)}"
         )
     return record.whole_of(run)
+
+
+def _same(value: Any, other: Any) -> bool:
+    """Whether words or numbers are the same; nan is like itself."""
+    numbers = np.asarray(other).dtype.kind == "f"
+    return np.array_equal(value, other, equal_nan=numbers)
 
 
 def _recorded(grid: SweepGrid, at: At) -> xr.Dataset:

@@ -79,12 +79,16 @@ def _apart(march: March, abreast: dict[str, Any]) -> str:
     """Describe how a run marched alone differs from the same run marched side by side; empty if it does not."""
     now, scales = march.now, record.factors(march.model, march.settings.scales)
     alone: dict[str, Any] = dict(zip(COUNTS, (march.accepted, now.trials, now.evaluations), strict=True))
-    state = zip(march.layout.used, march.run.y.tolist(), strict=False)
-    alone |= {f"end_{name}": value * scales[name] for name, value in state}
+    used = march.layout.used
+    for block in used.blocks:
+        place = used.place(block.name)
+        alone[f"end_{block.name}"] = (march.run.y[place : place + block.size] * scales[block.first]).reshape(
+            block.shape
+        )
     return ", ".join(
         f"{name} is {result}, side by side {abreast[name]}"
         for name, result in alone.items()
-        if name in abreast and abreast[name] != result
+        if name in abreast and not np.array_equal(abreast[name], result)
     )
 
 

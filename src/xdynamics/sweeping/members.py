@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.evidence.runs import read_whole
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs
 from xdynamics.march.log import Room
@@ -243,7 +244,8 @@ def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
 
 def _digests(runs: Harvest) -> Values:
     """Digest the end, the counts and the event times of every member."""
-    ends = np.stack([runs.last(name) for name in ("time", *runs.layout.used)], axis=1)
+    names = ("time", *(block.name for block in runs.layout.used.blocks))
+    ends = np.concatenate([runs.last(name).reshape(runs.size, -1) for name in names], axis=1)
     counts = np.stack([counted(runs) for counted in COUNTS.values()], axis=1)
     rows, events = _bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
     width, first = len(rows) // runs.size, (8 * runs.runs.first_event).tolist()
@@ -263,7 +265,7 @@ def _bytes(ends: Values, counts: Values) -> bytes:
 
 def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
     """Return the digest that a run has in a sweep; `names` are those of coordinates, velocities and states."""
-    end = np.array([float(run[name][-1]) for name in ("time", *names)])
+    end = np.concatenate([np.ravel(run.variables[name][-1].values) for name in ("time", *names)])
     counts = np.array([int(run.attrs[name]) for name in COUNTS])
     return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()[:DIGITS]
 
@@ -302,8 +304,11 @@ def _check(grid: SweepGrid, at: Values, kept: Mapping[str, Any]) -> None:
     march = march_of(grid.unrecorded, at)
     if march is None:
         return
-    run = record.unfold(record.dataset(march, march.blocks()))
-    alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
+    run = read_whole(record.dataset(march, march.blocks()), march.model)
+    alone = {
+        DIGEST: digest_of_end(run, [block.name for block in march.layout.used.blocks]),
+        OUTCOME: run.attrs[OUTCOME],
+    }
     differences = [
         f"{name} is {kept[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != kept[name]
     ]

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
+from xdynamics.record.folding import model_dimensions
+from xdynamics.record.named_elements import labels_of
 from xdynamics.schema import (
     ATOL_EFFECT,
     COUNTS,
@@ -22,6 +24,7 @@ from xdynamics.schema import (
     STEPS,
     VOLATILE,
 )
+from xdynamics.shapes.naming import element
 from xdynamics.units import parse_unit
 
 SLAB = 1_000_000
@@ -201,15 +204,15 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
         or (worded and not _alike(*attributes))
     ):
         return 0
-    if not variable.dims:
-        return None if _bits(variable.values) == _bits(counterpart.values) else 0
+    if not _has_rows(first, name):
+        same = variable.shape == counterpart.shape and _bits(variable.values) == _bits(counterpart.values)
+        return None if same else 0
     shared = min(variable.shape[0], counterpart.shape[0])
     for start in range(0, shared, SLAB):
         slab = slice(start, min(start + SLAB, shared))
         left, right = np.asarray(variable[slab].values), np.asarray(counterpart[slab].values)
         if _bits(left) != _bits(right):
-            differs = _as_words(left) != _as_words(right)
-            return start + int(np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0])
+            return start + int(np.flatnonzero(_differs(left, right).reshape(len(left), -1).any(axis=1))[0])
     if (
         not worded
         and name == END_MEMORY.name
@@ -217,6 +220,12 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     ):
         return None  # later versions append what they store in addition
     return None if variable.shape == counterpart.shape else shared
+
+
+def _has_rows(run: xr.Dataset, name: str) -> bool:
+    """Whether a variable goes along more than elements: a parameter of each has no rows."""
+    dims = run.variables[name].dims
+    return bool(dims) and dims[0] not in model_dimensions(run)
 
 
 def _alike(first: dict[str, Any], second: dict[str, Any]) -> bool:
@@ -250,11 +259,31 @@ def _earliest(
     if not apart:
         return f"attribute {settings[0]}"
     row, name = min(along or apart, key=lambda pair: pair[0])
-    values = [_value(run, name, row) for run in (first, second)]
+    own, place = _element(first, second, name, row)
+    values = [_value(run, name, row, place) for run in (first, second)]
     if values[0] == values[1] and (words := _attributes_apart(first, second, name)):
         return escaped(f"variable '{name}', {words}")
-    where = f", row {row}" if first.variables.get(name, second.variables.get(name)).dims else ""  # type: ignore[union-attr]
-    return escaped(f"variable '{name}'{where}: {values[0]} | {values[1]}")
+    where = f", row {row}" if _has_rows(first if name in first.variables else second, name) else ""
+    return escaped(f"variable '{own}'{where}: {values[0]} | {values[1]}")
+
+
+def _element(first: xr.Dataset, second: xr.Dataset, name: str, row: int) -> tuple[str, dict[str, int]]:
+    """Return the name and the place of the first element of a quantity that differs in a row; of others nothing."""
+    if any(name not in run.variables for run in (first, second)):
+        return name, {}
+    variables = [run.variables[name] for run in (first, second)]
+    inner = [str(dim) for dim in variables[0].dims if dim in model_dimensions(first)]
+    rows = {variables[0].dims[0]: row} if _has_rows(first, name) else {}
+    if not inner or variables[0].dims != variables[1].dims or (rows and row >= min(map(len, variables))):
+        return name, {}
+    left, right = (np.asarray(variable.isel(rows).transpose(*inner, ...).values) for variable in variables)
+    if left.shape != right.shape:
+        return name, {}
+    parted = np.flatnonzero(_differs(left, right).reshape(*left.shape[: len(inner)], -1).any(axis=-1))
+    if not parted.size:
+        return name, {}
+    place = dict(zip(inner, map(int, np.unravel_index(parted[0], left.shape[: len(inner)])), strict=True))
+    return element(name, (labels_of(first, dim)[number] for dim, number in place.items())), place
 
 
 def _attributes_apart(first: xr.Dataset, second: xr.Dataset, name: str) -> str:
@@ -269,11 +298,11 @@ def _attributes_apart(first: xr.Dataset, second: xr.Dataset, name: str) -> str:
     return ""
 
 
-def _value(run: xr.Dataset, name: str, row: int) -> str:
+def _value(run: xr.Dataset, name: str, row: int, place: dict[str, int]) -> str:
     if name not in run.variables:
         return "absent"
-    variable = run.variables[name]
-    if not variable.dims:
+    variable = run.variables[name].isel(place)
+    if not variable.dims or not _has_rows(run, name):
         return _short(variable.values)
     if row >= variable.shape[0]:
         return f"no such row ({variable.shape[0]} rows)"
@@ -281,7 +310,14 @@ def _value(run: xr.Dataset, name: str, row: int) -> str:
 
 
 def _bits(values: NDArray[Any]) -> bytes:
-    return str(values[()]).encode() if values.dtype.kind in "UOT" else np.ascontiguousarray(values).tobytes()
+    return repr(values.tolist()).encode() if values.dtype.kind in "UOT" else np.ascontiguousarray(values).tobytes()
+
+
+def _differs(left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.bool_]:
+    """Mark the numbers, or texts, that have not the same bits."""
+    texts = left.dtype.kind in "UOT"
+    apart: NDArray[np.bool_] = left.astype(str) != right.astype(str) if texts else _as_words(left) != _as_words(right)
+    return apart
 
 
 def _as_words(values: NDArray[Any]) -> NDArray[Any]:

@@ -15,10 +15,13 @@ from xdynamics.evidence.comparing.differences import compared
 from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
 from xdynamics.evidence.comparing.measured import is_measured
 from xdynamics.evidence.comparing.residuals import residuals
+from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stages import task_of
 from xdynamics.faults import InputError
-from xdynamics.record import check, of_elements
+from xdynamics.record import check, unfold
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.folding import model_dimensions
+from xdynamics.record.named_elements import labels_of
 from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.runtime.files import shown
 from xdynamics.schema import STEPS
@@ -27,7 +30,6 @@ Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
 
-@of_elements
 def compare(
     first: xr.Dataset,
     second: Any,
@@ -104,16 +106,25 @@ def compare(
     if compute and sizes is not None:
         raise InputError(f"sizes are {sizes!r}, and are for compute=False: what is compared at once has its own")
     if is_measured(second):
+        first = by_quantities(first, functions)
         if not compute:
             return described_residuals(first, second, functions, gaps, reading)
         return residuals(first, second, functions, gaps, reading)
     _check(second)
     if "model_toml" not in second.variables:
         raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")
+    first, second = _alike(first, second, functions)
     at = None if times is None else wanted_times(times, time_unit(first))
     if not compute:
         return described(first, second, at, functions, {} if sizes is None else sizes)
     return compared(first, second, at, functions)
+
+
+def _alike(first: xr.Dataset, second: xr.Dataset, functions: Functions | None) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return two runs by quantities; by elements where one has other dimensions or labels than the other."""
+    runs = by_quantities(first, functions), by_quantities(second, functions)
+    dims = [{dim: labels_of(run, dim) for dim in model_dimensions(run) if dim in run.dims} for run in runs]
+    return runs if dims[0] == dims[1] else (unfold(first), unfold(second))
 
 
 def _check(run: Any) -> None:

@@ -17,7 +17,7 @@ from xdynamics.evidence.comparing.causes import cause_of, is_restated, models_ap
 from xdynamics.evidence.comparing.comparison_summary import ROLE
 from xdynamics.evidence.event_matching import Rows, matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.observables import comparable, observe
+from xdynamics.evidence.observables import is_comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError
@@ -25,8 +25,10 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE, FLOAT64
 from xdynamics.record import shapes_of
 from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import labels_of
 from xdynamics.record.partial_records import rows_apart
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, REST_EVENT_TIME, SERIES_ARITHMETIC, STEPS
+from xdynamics.shapes.naming import element
 from xdynamics.units import parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]
@@ -146,7 +148,8 @@ def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
         and name not in first.coords
         and name in second.variables
         and name not in second.coords
-        and variable.dims == second.variables[name].dims == (STEPS,)
+        and variable.dims == second.variables[name].dims
+        and variable.dims[:1] == (STEPS,)
     ]
     if not names:
         raise InputError("the runs have no coordinate, velocity, state or observable in common")
@@ -170,8 +173,7 @@ def _sampled(
             if name in states
         }
     model = model_of(run, functions)
-    observables = {*comparable(model)}
-    observed = observe(run, model, [name for name in names if name in observables], at)
+    observed = observe(run, model, [name for name in names if is_comparable(model, name)], at)
     return {name: (*numbers, _rest(states, name)) for name, numbers in observed.items()}
 
 
@@ -190,14 +192,15 @@ def difference_of(
     units = [parse_unit(str(run.attrs["units"])) for run in (first, second)]
     factor = float(units[1].factor / units[0].factor)
     text = str(first.attrs["units"])
+    dims = (AT, *map(str, first.dims[1:]))
     difference = (second_sample[0] * factor - first_sample[0]) + (second_sample[2] * factor - first_sample[2])
     scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
     return scaled(
-        "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), (AT,), text, scale_text
+        "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), dims, text, scale_text
     ) | {
-        f"difference_{name}": ((AT,), difference, about(text, f"{name}, second run minus first", ROLE)),
+        f"difference_{name}": (dims, difference, about(text, f"{name}, second run minus first", ROLE)),
         f"interpolation_error_{name}": (
-            (AT,),
+            dims,
             second_sample[1] * factor + first_sample[1],
             about(text, f"what {name} of both runs may be off between accepted states", "error"),
         ),
@@ -274,14 +277,17 @@ def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
         if f"difference_{name}" not in variables:
             continue
         difference, uncertainty = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
-        rounding = ROUNDINGS * EPS * float(np.fmax.reduce(np.abs(first.variables[name].values)))
-        beyond = np.flatnonzero((np.abs(difference) > uncertainty + rounding) & ~between_events)
+        rounding = ROUNDINGS * EPS * np.fmax.reduce(np.abs(first.variables[name].values))
+        away = (np.abs(difference) > uncertainty + rounding).T & ~between_events
+        beyond = np.flatnonzero(away.T.reshape(len(times), -1).any(axis=1))
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
-            earliest = float(times[k])
+            earliest, own, at = float(times[k]), first.variables[name], (k, *np.argwhere(away.T[k])[0].tolist())
+            labels = (labels_of(first, str(dim))[number] for dim, number in zip(own.dims[1:], at[1:], strict=True))
             sentence = (
-                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {name} by {float(difference[k]):.3g}{unit_suffix(units)}, beyond an"
-                f" interpolation error of {float(uncertainty[k]):.2g}{unit_suffix(units)}"
+                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {element(name, labels)} by"
+                f" {float(difference[at]):.3g}{unit_suffix(units)}, beyond an interpolation error of"
+                f" {float(uncertainty[at]):.2g}{unit_suffix(units)}"
             )
     return sentence
 

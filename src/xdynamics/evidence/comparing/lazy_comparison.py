@@ -26,13 +26,14 @@ from xdynamics.evidence.comparing.differences import (
 )
 from xdynamics.evidence.comparing.residuals import measured_for, residuals_of, residuals_with
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.observables import comparable
+from xdynamics.evidence.observables import is_comparable
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.stages import Stage, foreseen, lazy, task_of
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
 from xdynamics.record.event_columns import NO_DETECTOR
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import DETECTOR, detectors_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 
 Floats = NDArray[np.float64]
@@ -64,10 +65,11 @@ def described(
     stated = _stated(sizes, {AT} if times is None else set())
     shown = np.zeros(_at_stated(stated, first)) if times is None else times
     variables: dict[str, Any] = {AT_TIME: wanted(first, shown)}
-    compared_names = [{*comparable(model_of(run, functions))} for run in runs]
-    blank = np.zeros(len(shown)), np.zeros(len(shown)), 0.0
+    models = [model_of(run, functions) for run in runs]
     for name in shared_names(first, second):
-        if all(name in names for names in compared_names):
+        if all(is_comparable(model, name) for model in models):
+            numbers = np.zeros((len(shown), *first.variables[name].shape[1:]))
+            blank = numbers, numbers, 0.0
             variables |= difference_of(name, first.variables[name], second.variables[name], blank, blank)
     records = [foreseen(run) for run in runs]
     variables |= {
@@ -156,6 +158,5 @@ def _events(
 
 def _detectors(record: xr.Dataset) -> list[str]:
     """Name the detectors of a run's events."""
-    detector = record.variables.get("event_detector")
-    words = [] if detector is None else str(detector.attrs["flag_meanings"]).split()
+    words = detectors_of(record) if DETECTOR in record.variables else []
     return [] if words == [NO_DETECTOR] else words

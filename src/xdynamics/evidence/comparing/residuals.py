@@ -16,8 +16,9 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.model.drives import REFUSE
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import column
 from xdynamics.schema import AT, AT_TIME
-from xdynamics.shapes import Shapes
+from xdynamics.shapes import Shapes, parted
 from xdynamics.units import Unit, parse_unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -57,14 +58,17 @@ def measured_for(
         If a column cannot be read, or has another dimension than the run.
     """
     model = model_of(run, functions)
-    observables = [name for name in observables_of(model) if name in run.variables]
+    recorded = {*map(str, run.variables)}
+    observables = [name for name in observables_of(model) if {name, parted(name)[0]} & recorded]
     data = measured(source, observables, gaps, time_unit(run), model.shapes, reading)
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in observables:
             ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(of_wholes(observables))}")
-        elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
-            ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
+        elif unit.dimension != parse_unit(str(column(run, name).attrs["units"])).dimension:
+            ledger.note(
+                f"column '{name}' is in '{unit.text}', needs '{column(run, name).attrs['units']}' or a unit like it"
+            )
     ledger.raise_faults()
     return data
 
@@ -102,7 +106,7 @@ def residuals_of(
         AT_TIME: ((AT,), data.times, about(time_unit(run).text, "time of measurement", "time"))
     }
     for name in data.values:
-        variables |= _residuals(name, str(run[name].attrs["units"]), *computed[name], data)
+        variables |= _residuals(name, str(column(run, name).attrs["units"]), *computed[name], data)
     return exhibit(
         "comparison",
         f"{run.attrs['title']}, beside {data.name}",

@@ -31,7 +31,7 @@ from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
 from xdynamics.faults import InputError, written
-from xdynamics.record import check, check_kind, of_elements
+from xdynamics.record import check, check_kind, of_elements, unfold
 from xdynamics.record.partial_records import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
@@ -188,7 +188,8 @@ class DiagnosisRequest:
 
 def _diagnosed(request: DiagnosisRequest, tighter: Tighter | None, run: xr.Dataset, *marched: xr.Dataset) -> xr.Dataset:
     """Diagnose a run beside a tighter and a nearly exact one, where they are marched."""
-    others, functions = iter(marched), request.functions
+    others, functions = map(unfold, marched), request.functions
+    run = unfold(run)
     beside = None if tighter is None else tighter.beside(run, next(others), functions)
     digests = [archive.digest_of_run(entry) for entry in (run, *([] if beside is None else [beside.run]))]
     rows = Chunks(run, model_of(run, functions))

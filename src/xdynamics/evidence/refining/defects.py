@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,11 @@ LOOKED_AT = 256  # steps of a run, spread over it
 
 
 def step_defects(
-    run: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None, most: int = LOOKED_AT
+    run: xr.Dataset,
+    names: Sequence[str] | None = None,
+    *,
+    functions: Mapping[str, Callable[..., float]] | None = None,
+    most: int = LOOKED_AT,
 ) -> dict[str, Floats]:
     """Return the states reached by steps spread over a run, each less that of sixteen steps in its place.
 
@@ -30,6 +34,8 @@ def step_defects(
     ----------
     run : xarray.Dataset
         A run record.
+    names : sequence of str, optional
+        Coordinates, velocities and states, or elements of these; by default all that the record has.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
     most : int
@@ -37,8 +43,8 @@ def step_defects(
 
     Returns
     -------
-    dict of str to ndarray, shape (steps,)
-        By coordinate, velocity and state, in their recorded units.
+    dict of str to ndarray, shape (steps, ...)
+        By these names, in their recorded units.
 
     Raises
     ------
@@ -52,4 +58,5 @@ def step_defects(
         )
     rows = np.flatnonzero(np.diff(np.asarray(run["time"])) > 0.0)
     chosen = rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(np.int64))]
-    return inside.defects(chosen, PARTS)
+    defects, used = inside.defects(chosen, PARTS), inside.layout.used
+    return {name: used.taken(defects, name) for name in (defects if names is None else names)}

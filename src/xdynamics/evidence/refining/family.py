@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.refining.convergence import UNCERTAINTY_RULES, VERDICTS, Judged, judge, observed_orders
+from xdynamics.evidence.refining.convergence import observed_orders
+from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, VERDICTS, Judged, judge
 from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
 from xdynamics.schema import LEVEL, flags, scale
 
@@ -26,21 +26,21 @@ Subject = tuple[str, str, str, tuple[str, ...]]  # name, units, long name and di
 
 @dataclass(frozen=True)
 class Watched:
-    """One number of every level, at several places.
+    """One quantity of every level, at several places: a number, or with dimensions those of all elements.
 
     Attributes
     ----------
     name, units, long_name : str
     dims : tuple of str
-        Of the places; none for one number per run.
-    values, errors : ndarray, shape (places, levels)
+        Of the places, then of the quantity; none for one number per run.
+    values, errors : ndarray, shape (places, ..., levels)
         The values, and their errors by interpolation or location.
-    rounding, moved : ndarray, shape (places,)
+    rounding, moved : ndarray, shape (places, ...)
         Errors of the finest values by rounding, and by the uncertain location of events before.
     kinks : ndarray, shape (places,)
         The order left by switches that steps went over, inf where there are none.
-    scale : float
-        By which differences are divided: a size of the quantity that is never zero.
+    scale : float, or ndarray, shape (...)
+        By which differences are divided: a size of the quantity, of every element its own, that is never zero.
     """
 
     name: str
@@ -51,14 +51,14 @@ class Watched:
     errors: Floats
     rounding: Floats
     moved: Floats
-    scale: float
+    scale: Any
     kinks: Floats | None = None
 
     @classmethod
-    def blank(cls, subject: Subject, places: int, levels: int) -> Watched:
-        """Return what is known of a number before anything is marched: everything but its values."""
-        nothing = np.full((places, levels), np.nan)
-        return cls(*subject, nothing, nothing, nothing[:, 0], nothing[:, 0], np.nan)
+    def blank(cls, subject: Subject, places: int, levels: int, shape: tuple[int, ...] = ()) -> Watched:
+        """Return what is known of a quantity before anything is marched: everything but its values."""
+        nothing = np.full((places, *shape, levels), np.nan)
+        return cls(*subject, nothing, nothing, nothing[..., 0], nothing[..., 0], np.full(shape, np.nan))
 
     def first(self, places: int) -> Watched:
         """Return the number at its first places; nan at those that it does not have."""
@@ -77,11 +77,26 @@ class Watched:
             kinks=None if self.kinks is None else cut(self.kinks),
         )
 
+    def at(self, name: str, place: tuple[int, ...]) -> Watched:
+        """Return one element of a quantity, as a number of its own."""
+        index: Any = (slice(None), *place)
+
+        return replace(
+            self,
+            name=name,
+            dims=self.dims[:1],
+            values=self.values[index],
+            errors=self.errors[index],
+            rounding=self.rounding[index],
+            moved=self.moved[index],
+            scale=float(self.scale[place]),
+        )
+
     @property
     def changes(self) -> Floats:
-        """Difference to the next finer level; nan for the finest, shape (places, levels)."""
+        """Difference to the next finer level; nan for the finest, shape (places, ..., levels)."""
         differences = np.full(self.values.shape, np.nan)
-        differences[:, :-1] = np.diff(self.values, axis=-1)
+        differences[..., :-1] = np.diff(self.values, axis=-1)
         return differences
 
 
@@ -92,10 +107,10 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
 
     def along(values: Floats) -> Floats:
         """Return values with levels first; without places, levels only."""
-        return values.T if number.dims else values[0]
+        return np.moveaxis(values, -1, 0) if number.dims else values[0]
 
     # the finest level has no difference of its own: its gate uses the last one
-    last = np.abs(np.concatenate([changes[:, :-1], changes[:, -2:-1]], axis=-1))
+    last = np.abs(np.concatenate([changes[..., :-1], changes[..., -2:-1]], axis=-1))
     gate = (~(number.errors <= last)).astype(np.int8)
     size = scale("difference", name)
     variables: dict[str, Any] = {
@@ -107,10 +122,14 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
         ),
         f"scaled_difference_{name}": (
             dims,
-            along(changes / number.scale),
+            along(changes / np.asarray(number.scale)[..., np.newaxis]),
             about("1", f"difference_{name} over {size}", ROLE),
         ),
-        size: ((), np.float64(number.scale), about(units, f"scale of difference_{name}, never zero", "scale")),
+        size: (
+            number.dims[1:],
+            np.asarray(number.scale, float),
+            about(units, f"scale of difference_{name}, never zero", "scale"),
+        ),
         f"interpolation_error_{name}": (
             dims,
             along(number.errors),
@@ -132,54 +151,59 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
 
 def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     """Return orders, verdicts, limits and uncertainties, where levels are numbers with which errors shrink."""
-    name, units, steps = number.name, number.units, levels.values
-    orders = observed_orders(number.values, steps).T if number.dims else observed_orders(number.values, steps)[0]
-    judgements = [*_judgements(number, levels, accepted)]
+    name, units = number.name, number.units
+    orders, judged = observed_orders(number.values, levels.values), _judgement(number, levels, accepted)
 
-    def once(values: list[Any], dtype: Any) -> Any:
-        return (number.dims, np.array(values if number.dims else values[0], dtype))
+    def once(values: Any, dtype: Any) -> Any:
+        return number.dims, np.asarray(values if number.dims else values[0], dtype)
 
     return {
         f"order_{name}": (
             (LEVEL, *number.dims),
-            orders,
+            np.moveaxis(orders, -1, 0) if number.dims else orders[0],
             about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE),
         ),
         f"verdict_{name}": (
-            *once([judgement.verdict for judgement in judgements], np.int8),
+            *once(judged.verdict, np.int8),
             about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
         f"limit_{name}": (
-            *once([judgement.limit for judgement in judgements], float),
+            *once(judged.limit, float),
             about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE),
         ),
         f"uncertainty_{name}": (
-            *once([judgement.uncertainty for judgement in judgements], float),
+            *once(judged.uncertainty, float),
             about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
         ),
         f"uncertainty_rule_{name}": (
-            *once([RULE_WORDS.index(RULES[judgement.rule]) for judgement in judgements], np.int8),
+            *once(_rule_numbers(judged.rule), np.int8),
             about("1", f"where the uncertainty of {name} is from", "flag") | flags(dict(enumerate(RULE_WORDS))),
         ),
     }
 
 
-def _judgements(number: Watched, levels: Levels, accepted: int) -> Iterator[Judged]:
-    """Judge the levels at every place of a number."""
+def _rule_numbers(rules: NDArray[np.str_]) -> NDArray[np.int8]:
+    """Return the numbers of rules among the words of their flag."""
+    numbers = np.zeros(rules.shape, np.int8)
+    for rule, word in RULES.items():
+        numbers[rules == rule] = RULE_WORDS.index(word)
+    return numbers
+
+
+def _judgement(number: Watched, levels: Levels, accepted: int) -> Judged:
+    """Judge the levels at every place of a quantity."""
     kinks = np.full(len(number.values), np.inf)
     if number.kinks is not None and levels.varied != TIME_TOLERANCES:
         kinks = number.kinks
-    rows = (number.values, number.errors, number.rounding.tolist(), number.moved.tolist(), kinks)
-    for values, errors, rounding, moved, kink in zip(*rows, strict=True):
-        yield judge(
-            values,
-            levels.values,
-            levels.formal,
-            rounding,
-            float(errors[-2:].max()),
-            moved,
-            smooth=levels.varied != RTOLS,
-            kink=float(kink),
-            accepted=accepted,
-            order=levels.order,
-        )
+    return judge(
+        number.values,
+        levels.values,
+        levels.formal,
+        number.rounding,
+        number.errors[..., -2:].max(axis=-1),
+        number.moved,
+        smooth=levels.varied != RTOLS,
+        kink=kinks.reshape(len(kinks), *[1] * (number.values.ndim - 2)),
+        accepted=accepted,
+        order=levels.order,
+    )

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.refining.convergence import FEW_STEPS
 from xdynamics.evidence.refining.family import ROLE, Watched, family
+from xdynamics.evidence.refining.judgements import FEW_STEPS
 from xdynamics.evidence.refining.readings import Common, Outline, Readings
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
@@ -77,7 +77,7 @@ class Findings:
             np.array([outline.outcome for outline in outlines]),
             {name: np.array([len(level) for level in rows]) for name, rows in study.met().items()},
             study.common.crossing_levels,
-            {name: np.array([level.defects[name] for level in study.readings]) for name in stepped},
+            {name: np.stack([level.defects[name] for level in study.readings]) for name in stepped},
             outlines[-1].accepted,
         )
 
@@ -92,7 +92,9 @@ class Findings:
             np.full(levels, ""),
             {name: np.zeros(levels, np.int64) for name in (subjects.detectors if subjects.occurrences else ())},
             dict.fromkeys(subjects.cyclic, np.nan),
-            {name: np.full(levels, np.nan) for name in subjects.stepped} if subjects.defects else {},
+            {name: np.full((levels, *subjects.shape(name)), np.nan) for name in subjects.stepped}
+            if subjects.defects
+            else {},
         )
 
 
@@ -143,17 +145,24 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
 
 def _of_runs(subjects: Subjects, findings: Findings) -> dict[str, Any]:
     """Return how often events were met, the levels that cycles begin at, and local errors, as variables."""
-    units = {name: variable.units for name, variable in subjects.variables.items()}
     variables: dict[str, Any] = {
         f"event_count_{name}": ((LEVEL,), counts, about("1", f"how often {name} was met", ROLE))
         for name, counts in findings.counts.items()
     }
     variables |= {
-        crossing_level(name): ((), np.float64(level), about(units[name], f"level of {name} that begins a cycle", ROLE))
+        crossing_level(name): (
+            (),
+            np.float64(level),
+            about(subjects.recorded(name).units, f"level of {name} that begins a cycle", ROLE),
+        )
         for name, level in findings.crossed.items()
     }
     return variables | {
-        f"step_defect_{name}": ((LEVEL,), defects, about(units[name], DEFECT.format(name), ROLE))
+        f"step_defect_{name}": (
+            (LEVEL, *subjects.dims(name)),
+            defects,
+            about(subjects.recorded(name).units, DEFECT.format(name), ROLE),
+        )
         for name, defects in findings.defects.items()
     }
 

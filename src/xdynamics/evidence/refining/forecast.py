@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.arrays import log, power
-from xdynamics.evidence.refining.convergence import STEADY
+from xdynamics.evidence.refining.judgements import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
-from xdynamics.evidence.refining.study import Study
+from xdynamics.evidence.refining.study import Study, numbers_named
 from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
 from xdynamics.units import unit_suffix
 
@@ -64,10 +64,9 @@ def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[
     """Describe the level that each number would need, and return whether one is known to be out of reach."""
     levels, rows, growth = study.levels, float(study.outlines[-1].rows), _growth(study)
     sentences, beyond = [], False
-    for number in study.numbers() if len(study.outlines) > 1 else ():
-        if number.name not in wanted:
-            continue
-        tolerance, changes = wanted[number.name], np.nanmax(np.abs(number.changes), axis=0, initial=0.0)
+    for number in numbers_named(study, wanted) if len(study.outlines) > 1 else ():
+        every = number.changes.reshape(-1, number.changes.shape[-1])
+        tolerance, changes = wanted[number.name], np.nanmax(np.abs(every), axis=0, initial=0.0)
         last, before = float(changes[-2]), float(changes[-3]) if len(changes) > 2 else np.nan
         if last <= tolerance:
             continue

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.refining.convergence import HIGHEST
+from xdynamics.evidence.refining.judgements import HIGHEST
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for

@@ -20,6 +20,8 @@ from xdynamics.evidence.event_matching import Rows, met
 from xdynamics.evidence.observables import observe
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
+from xdynamics.record import unfold
+from xdynamics.record.named_elements import column
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -84,7 +86,7 @@ class Outline:
             run.variables["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
             events,
             _passed(run),
-            {name: chosen_level(run, name, functions) for name in cyclic},
+            {name: chosen_level(unfold(run), name, functions) for name in cyclic},
         )
 
 
@@ -153,17 +155,17 @@ class Readings:
 
     Attributes
     ----------
-    observed : mapping of str to (ndarray, ndarray)
-        Observables at the times of comparison, and their errors by interpolation.
+    observed : mapping of str to (ndarray, ndarray), shape (times, ...)
+        Observables at the times of comparison, and their errors by interpolation; last the dimensions of quantities.
     swings : mapping of str to Swings
         By coordinate.
     after : mapping of str to mapping of str to (ndarray, ndarray)
         States after the common occurrences of each event, and what the location has them off by.
     energy_range : float
         nan if it is not asked for.
-    defects : mapping of str to float
+    defects : mapping of str to ndarray, shape (...)
         Largest local errors, if they are asked for.
-    moved, largest : mapping of str to ndarray, of str to float
+    moved, largest : mapping of str to ndarray, shape (times, ...) and (...)
         Of the finest run alone: what the uncertain times of events before each time move an observable by, and the
         largest absolute value of each quantity.
     """
@@ -172,9 +174,9 @@ class Readings:
     swings: Mapping[str, Swings]
     after: Mapping[str, Mapping[str, tuple[Floats, Floats]]]
     energy_range: float
-    defects: Mapping[str, float]
+    defects: Mapping[str, Floats]
     moved: Mapping[str, Floats]
-    largest: Mapping[str, float]
+    largest: Mapping[str, Floats]
 
     @classmethod
     def of(cls, run: xr.Dataset, subjects: Subjects, common: Common, level: int, *, finest: bool) -> Readings:
@@ -189,58 +191,62 @@ class Readings:
         observed = observe(run, model, names, times, subjects.levels.rule(level))
         ranged, functions = ENERGY_RANGE in subjects.names, model.functions
         counted = {
-            name: Swings.of(cycles(run, name, level=crossing, functions=functions), times)
+            name: Swings.of(cycles(unfold(run), name, level=crossing, functions=functions), times)
             for name, crossing in common.crossing_levels.items()
         }
         after = {
-            detector: {name: _after(run, name, places[level][0]) for name in subjects.after_events}
+            detector: {
+                name: _after(run, name, places[level][0], subjects.place_at(detector, name))
+                for name in subjects.after_events
+            }
             for detector, places in common.places.items()
         }
-        defects = step_defects(run, functions=functions) if subjects.defects else {}
+        defects = step_defects(run, subjects.stepped, functions=functions) if subjects.defects else {}
         sized = dict.fromkeys([*names, *subjects.after_events, *([ENERGY] if ranged else [])]) if finest else ()
         return cls(
             observed,
             counted,
             after,
             _range(run, ENERGY) if ranged else np.nan,
-            {name: float(np.max(np.abs(defects[name]))) for name in (subjects.stepped if defects else ())},
+            {name: np.max(np.abs(defects[name]), axis=0) for name in (subjects.stepped if defects else ())},
             {name: _moved(run, name, times) for name in names} if finest else {},
             {name: _largest(run, name) for name in sized},
         )
 
 
-def _after(run: xr.Dataset, name: str, events: Rows) -> tuple[Floats, Floats]:
+def _after(run: xr.Dataset, name: str, events: Rows, place: Mapping[str, int]) -> tuple[Floats, Floats]:
     """Return a state after events, and how far their location may have it off."""
     after, before = run.variables["event_row_after"].values[events], run.variables["event_row_before"].values[events]
     uncertainty = run.variables["event_time_uncertainty"].values[events]
-    columns = run.variables
-    return columns[name][after].values, np.abs(columns[_rate_of(run, name)][before].values) * uncertainty
+    states, rates = (column(run, own).isel(place) for own in (name, _rate_of(run, name)))
+    return states[after].values, (np.abs(rates[before].values).T * uncertainty).T
 
 
 def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:
     """Return the error of an observable at each time by the uncertain times of events before it."""
+    own = column(run, name)
     if "event_time" not in run.variables or not run.sizes["event"]:
-        return np.zeros(len(times))
+        return np.zeros((len(times), *own.shape[1:]))
     counts = [int((run.variables["event_time"].values < time).sum()) for time in times]
-    rates = _rates(run, name, run.variables["event_row_before"].values[: max(counts, default=0)])
-    each = np.abs(rates) * run.variables["event_time_uncertainty"].values[: max(counts, default=0)]
-    return np.array([float(np.sum(each[:count])) for count in counts])
+    rates = _rates(run, own, run.variables["event_row_before"].values[: max(counts, default=0)])
+    each = np.ascontiguousarray(np.abs(rates).T) * run.variables["event_time_uncertainty"].values[: rates.shape[0]]
+    return np.array([np.sum(each[..., :count], axis=-1).T for count in counts])
 
 
-def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
+def _rates(run: xr.Dataset, own: xr.Variable, rows: NDArray[np.int64]) -> Floats:
     """Return the rate of change of an observable in the step to each row; 0 where a time of an event is repeated."""
     span, change = (
-        run.variables[variable][rows].values - run.variables[variable][np.maximum(rows - 1, 0)].values
-        for variable in ("time", name)
+        variable[rows].values - variable[np.maximum(rows - 1, 0)].values for variable in (run.variables["time"], own)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        rates: Floats = np.where(span > 0.0, change / span, 0.0)
+        rates: Floats = np.where(span > 0.0, change.T / span, 0.0).T
     return rates
 
 
-def _largest(run: xr.Dataset, name: str) -> float:
-    """Return the largest absolute value of a quantity, reading files slab by slab."""
-    return max(float(np.max(np.abs(part))) for part in slabs(run.variables[name]))
+def _largest(run: xr.Dataset, name: str) -> Floats:
+    """Return the largest absolute value of a quantity, of every element its own, reading files slab by slab."""
+    largest: Floats = np.maximum.reduce([np.max(np.abs(part), axis=0) for part in slabs(column(run, name))])
+    return largest
 
 
 def _range(run: xr.Dataset, name: str) -> float:
@@ -251,5 +257,5 @@ def _range(run: xr.Dataset, name: str) -> float:
 
 def _rate_of(run: xr.Dataset, name: str) -> str:
     """Return the name of the variable that is the rate of a coordinate, velocity or state."""
-    role = run.variables[name].attrs["role"]
+    role = column(run, name).attrs["role"]
     return {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}[role]

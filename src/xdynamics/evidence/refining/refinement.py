@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.kept_results import folder_named
-from xdynamics.evidence.observables import observables_of
+from xdynamics.evidence.observables import is_observable, observables_of
 from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
-from xdynamics.evidence.refining.study import Study
+from xdynamics.evidence.refining.study import Study, numbers_named
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, Subjects
 from xdynamics.evidence.stages import counted_number
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
+from xdynamics.model.whole import is_read_whole
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit, words_of
@@ -143,7 +144,7 @@ def refine(
     bounds, many = _bounds(most_rows, memory), counted_number(occurrences, "occurrences")
     folder = None if keep is None else folder_named(keep)
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
-    names = tuple(model.units) if observables is None else _known(model, observables)
+    names = _states(model) if observables is None else _known(model, observables)
     if not compute:
         if until_change:
             raise InputError(
@@ -184,31 +185,42 @@ def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:
     """Name the numbers that changed by more than their tolerance between the last two levels."""
     if len(study.outlines) < FEWEST:
         return list(wanted)
-    last = {number.name: np.abs(number.changes[:, -2]) for number in study.numbers() if number.name in wanted}
+    last = {number.name: np.abs(number.changes[..., -2]) for number in numbers_named(study, wanted)}
     return [name for name, tolerance in wanted.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()]
+
+
+def _states(model: Model) -> tuple[str, ...]:
+    """Name coordinates, velocities and states: whole quantities, or elements of a model that is not read whole."""
+    return tuple(block.name for block in layout_of(model).used.blocks) if is_read_whole(model) else tuple(model.units)
 
 
 def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of observables, refusing those that the model does not have."""
-    if isinstance(names, str):
-        names = [names]
+    asked = [written(name) for name in ([names] if isinstance(names, str) else names)]
+    whole = {name for name in asked if is_observable(model, name)}
+    if whole >= {*asked}:  # elements whose quantity is asked for are in it
+        return tuple(name for name in dict.fromkeys(asked) if parted(name)[0] not in whole - {name})
     extra = [ENERGY_RANGE] if "total_energy" in layout_of(model).derived else []
     extra += [kind + name for name in model.coordinates for kind in (PERIOD, PHASE)]
-    available = (*observables_of(model), *extra)
-    names = expanded(map(written, names), available, model.shapes)
-    for name in names:
-        if name not in available:
+    available = dict.fromkeys((*observables_of(model), *extra))
+    found = [
+        one for name in asked for one in ((name,) if name in whole else expanded((name,), available, model.shapes))
+    ]
+    for name in found:
+        if name not in available and name not in whole:
             raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(of_wholes(available))}")
-    return names
+    return tuple(name for name in dict.fromkeys(found) if parted(name)[0] not in whole - {name})
 
 
 def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, float]:
     """Read the tolerated change of each number, in its unit."""
     if until_change and not study.levels.ordered:
         raise InputError(f"until_change goes on with finer levels, and {study.levels.varied.keyword} have none")
+    names = {written(name): wanted for name, wanted in until_change.items()}
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
+    units |= {number.name: number.units for number in numbers_named(study, names)} if until_change else {}
     tolerances = {}
-    for name, wanted in {written(name): wanted for name, wanted in until_change.items()}.items():
+    for name, wanted in names.items():
         if name not in units:
             raise InputError(f"until_change names '{name}'; there are {', '.join(of_wholes(units))}")
         quantity, unit = parse_quantity(wanted), parse_unit(units[name])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,8 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT
+from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.naming import parted
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -145,7 +147,7 @@ class Study:
                 yield replace(number, kinks=np.array([self.kink_before(time) for time in self._when(number).tolist()]))
                 continue
             # one of the two levels may by chance have the switch at the end of a step
-            cost = np.max(np.abs(located[number.name] - number.values[:, -FINEST:]), axis=-1) if located else 0.0
+            cost = np.max(np.abs(located[number.name] - number.values[..., -FINEST:]), axis=-1) if located else 0.0
             yield replace(number, moved=number.moved + STEPPED_OVER * np.nan_to_num(cost, nan=np.inf))
 
     def _with_switches_located(self, numbers: list[Watched]) -> dict[str, Floats] | None:
@@ -236,8 +238,8 @@ class Study:
         finest, uncertain = self.readings[-1], self._around_events()
         for name in self.subjects.observed:
             values, errors = (np.stack([level.observed[name][i] for level in self.readings], axis=-1) for i in (0, 1))
-            moved = np.where(uncertain, np.inf, finest.moved[name])
-            scale = finest.largest[name] or 1.0
+            moved = np.where(uncertain, np.inf, finest.moved[name].T).T
+            scale = _never_zero(finest.largest[name])
             yield Watched(*self.subjects.observable(name), values, errors, self._rounding(values), moved, scale)
 
     def _around_events(self) -> NDArray[np.bool_]:
@@ -257,7 +259,7 @@ class Study:
         """Yield the range of the energy in each run, if it is asked for."""
         if ENERGY_RANGE in self.names:
             ranges = np.array([[level.energy_range for level in self.readings]])
-            scale = self.readings[-1].largest[ENERGY] or 1.0
+            scale = float(self.readings[-1].largest[ENERGY]) or 1.0
             rounding = np.array([2.0 * EPS * scale])
             yield Watched(*self.subjects.energy_range, ranges, 0.0 * ranges, rounding, np.zeros(1), scale)
 
@@ -283,26 +285,46 @@ class Study:
 
     def _of_events(self, detector: str, most: int) -> Iterator[Watched]:
         """Yield the times at which one event function was met, occurrence by occurrence, and the states after it."""
-        places, unmoved = self.common.places[detector], np.zeros(most)
+        places = self.common.places[detector]
 
         def of(by_run: list[Floats]) -> Floats:
-            aligned = np.full((most, len(by_run)), np.nan)
+            aligned = np.full((most, *by_run[0].shape[1:], len(by_run)), np.nan)
             for k, (entry, (_, theirs)) in enumerate(zip(by_run, places, strict=True)):
-                aligned[theirs, k] = entry
+                aligned[theirs, ..., k] = entry
             return aligned
 
         levels = [(outline, mine) for outline, (mine, _) in zip(self.outlines, places, strict=True)]
         times = of([outline.event_times[mine] for outline, mine in levels])
         errors = of([outline.event_uncertainties[mine] for outline, mine in levels])
         span = self.outlines[-1].end - self.outlines[-1].begin or 1.0
-        yield Watched(*self.subjects.event_time(detector), times, errors, 4 * EPS * np.abs(times[:, -1]), unmoved, span)
+        rounding = 4 * EPS * np.abs(times[:, -1])
+        yield Watched(*self.subjects.event_time(detector), times, errors, rounding, np.zeros(most), span)
         for name in self.subjects.after_events:
             values, errors = (of([level.after[detector][name][i] for level in self.readings]) for i in (0, 1))
-            subject, scale = self.subjects.after_event(detector, name), self.readings[-1].largest[name] or 1.0
-            yield Watched(*subject, values, errors, self._rounding(values), unmoved, scale)
+            largest = self.readings[-1].largest[name][self.subjects.index_at(detector, name)]
+            subject, scale = self.subjects.after_event(detector, name), _never_zero(largest)
+            yield Watched(*subject, values, errors, self._rounding(values), np.zeros(values.shape[:-1]), scale)
 
     def _rounding(self, values: Floats) -> Floats:
         """Return the rounding error accumulated in the finest run: of the largest value, growing as the root of steps."""
         largest = np.max(np.abs(values), axis=-1, where=np.isfinite(values), initial=0.0)
         bound: Floats = 4.0 * EPS * largest * np.sqrt(self.outlines[-1].rows)
         return bound
+
+
+def numbers_named(study: Study, names: Iterable[str]) -> list[Watched]:
+    """Return what is compared by its name; an element is taken out of its quantity."""
+    numbers, found = {number.name: number for number in study.numbers()}, []
+    for name in names:
+        whole = parted(name)[0]
+        if name in numbers:
+            found.append(numbers[name])
+        elif whole in numbers:
+            place = Block.of(whole, "", study.levels.model.shapes).places(name)
+            found.append(numbers[whole].at(name, tuple(place.values())))
+    return found
+
+
+def _never_zero(size: Floats) -> Floats:
+    """Return sizes by which differences are divided: 1 in the place of 0."""
+    return np.where(size == 0.0, 1.0, size)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.evidence.observables import observables_of
+from xdynamics.evidence.observables import is_observable
 from xdynamics.evidence.refining.family import Subject, Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model.detectors import labels
+from xdynamics.model.whole import is_read_whole
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, OCCURRENCE, Variable
+from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.naming import DOT, parted
 from xdynamics.units import time_in
 
 Floats = NDArray[np.float64]
@@ -64,8 +67,24 @@ class Subjects:
 
     @cached_property
     def variables(self) -> Mapping[str, Variable]:
-        """The variables of a run by name."""
-        return {column.variable.name: column.variable for column in record.element_columns(self.march)}
+        """The variables of a run by name: of quantities, or where the model is not read whole of elements."""
+        columns = record.columns if is_read_whole(self.levels.model) else record.element_columns
+        return {column.variable.name: column.variable for column in columns(self.march)}
+
+    def variable(self, name: str) -> Variable | None:
+        """Return the variable of a quantity or of one of its elements, along `step` alone; None if a run has none."""
+        if name in self.variables or DOT not in name:
+            return self.variables.get(name)
+        whole = self.variables.get(parted(name)[0])
+        return None if whole is None else replace(whole, name=name, dims=whole.dims[:1])
+
+    def dims(self, name: str) -> tuple[str, ...]:
+        """Return the dimensions of a quantity."""
+        return self.recorded(name).dims[1:]
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the lengths of a quantity's dimensions."""
+        return self.levels.model.shapes.shape(self.dims(name))
 
     @cached_property
     def detectors(self) -> tuple[str, ...]:
@@ -83,8 +102,7 @@ class Subjects:
     @cached_property
     def observed(self) -> list[str]:
         """The names of what is compared at times."""
-        observables = {*observables_of(self.levels.model)}
-        return [name for name in self.names if name in observables]
+        return [name for name in self.names if is_observable(self.levels.model, name)]
 
     @cached_property
     def counted(self) -> list[str]:
@@ -105,17 +123,25 @@ class Subjects:
     @property
     def stepped(self) -> list[str]:
         """The names of what has a local error."""
-        return [name for name in self.march.layout.used if name in self.names]
+        places = {name: self.march.layout.used.find(name) for name in self.names}
+        return sorted((name for name, place in places.items() if place is not None), key=lambda name: places[name] or 0)
 
     @cached_property
     def after_events(self) -> list[str]:
         """The names of what is compared after events."""
-        return [name for name in self.names if name in self.variables and name in self.levels.model.units]
+        used = self.march.layout.used
+        return [name for name in self.names if used.find(name) is not None and self.variable(name) is not None]
 
     def observable(self, name: str) -> Subject:
         """Describe an observable at the times of comparison."""
-        variable = self.variables[name]
-        return name, variable.units, variable.long_name, (AT,)
+        variable = self.recorded(name)
+        return name, variable.units, variable.long_name, (AT, *variable.dims[1:])
+
+    def recorded(self, name: str) -> Variable:
+        """Return the variable of a quantity or of one of its elements that a run has."""
+        variable = self.variable(name)
+        assert variable is not None  # noqa: S101 - it was asked before
+        return variable
 
     @property
     def energy_range(self) -> Subject:
@@ -139,7 +165,29 @@ class Subjects:
 
     def after_event(self, detector: str, name: str) -> Subject:
         """Describe a state after an event."""
-        return f"after_{detector}_{name}", self.variables[name].units, f"{name} after {detector}", (OCCURRENCE,)
+        dims = (OCCURRENCE, *self.dims_after(detector, name))
+        return f"after_{detector}_{name}", self.recorded(name).units, f"{name} after {detector}", dims
+
+    def dims_after(self, detector: str, name: str) -> tuple[str, ...]:
+        """Return the dimensions of a state after an event: those that the event's detector has not too.
+
+        At the event of an element a quantity is compared at that element.
+        """
+        place = self.place_at(detector, name)
+        return tuple(dim for dim in self.dims(name) if dim not in place)
+
+    def place_at(self, detector: str, name: str) -> dict[str, int]:
+        """Return the element of a quantity at which the event of an element is, along the dimensions that both have."""
+        own = self.variables.get(name)
+        if own is None or DOT not in detector:
+            return {}
+        place = Block.of(parted(detector)[0], "", self.levels.model.shapes).places(detector)
+        return {dim: number for dim, number in place.items() if dim in own.dims}
+
+    def index_at(self, detector: str, name: str) -> tuple[Any, ...]:
+        """Return `place_at` as an index into numbers along the quantity's dimensions."""
+        place = self.place_at(detector, name)
+        return tuple(place.get(dim, slice(None)) for dim in self.dims(name))
 
     def blank(self) -> Iterator[Watched]:
         """Yield every number without its values."""
@@ -152,4 +200,5 @@ class Subjects:
         times = 1 if self.times is None else len(self.times)
         for subject in subjects:
             places = {AT: times, OCCURRENCE: self.occurrences or 0}
-            yield Watched.blank(subject, places[subject[3][0]] if subject[3] else 1, len(self.levels.values))
+            shape = self.levels.model.shapes.shape(subject[3][1:])
+            yield Watched.blank(subject, places[subject[3][0]] if subject[3] else 1, len(self.levels.values), shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from xdynamics.evidence.refining.convergence import VERDICTS
+from xdynamics.evidence.refining.judgements import VERDICTS
 from xdynamics.record.flag_words import in_prose
 
 IN_WORDS = (

@@ -13,7 +13,7 @@ from xdynamics import archive
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.event_matching import met
 from xdynamics.evidence.observables import observables_of, observe
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_elements
 from xdynamics.evidence.scaling import scale_of
 from xdynamics.evidence.validating.ledger_rows import LedgerRow
 from xdynamics.expressions import dimension_of, text_of
@@ -46,7 +46,9 @@ WIDER = 1.5  # times its first part, the most that a band may be in its last one
 class CaseRuns:
     """The runs of one model by one method, each marched when first needed."""
 
-    def __init__(self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march) -> None:
+    def __init__(
+        self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march_elements
+    ) -> None:
         self.model, self.method, self.marched = model, METHODS[method], marched
         refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
         self.refused = by_differences

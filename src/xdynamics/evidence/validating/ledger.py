@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
 from xdynamics.evidence.kept_results import Keep
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_elements
 from xdynamics.evidence.stage_tasks import Task, inputs_of, march_task, remembered, results_of
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
@@ -22,6 +22,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Validation
+from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
 
 if TYPE_CHECKING:
@@ -226,7 +227,7 @@ class Case:
         )
         return Task.of("case", partial(_rows_of, self), (), *words)
 
-    def rows(self, marched: Callable[..., xr.Dataset] = march) -> Iterator[LedgerRow]:
+    def rows(self, marched: Callable[..., xr.Dataset] = march_elements) -> Iterator[LedgerRow]:
         """Yield the lines of the ledger, of runs that are marched when they are first needed."""
         runs = CaseRuns(self.model, self.method, own=self.stage > 0, marched=marched)
         for row, case in self._forms():
@@ -298,4 +299,4 @@ def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRo
 
 def _rows_of(case: Case) -> list[LedgerRow]:
     """Return the lines of a case, in a task; runs that other stages need too are marched once."""
-    return [*case.rows(lambda model, **asked: remembered(march_task(model, **asked)))]
+    return [*case.rows(lambda model, **asked: unfold(remembered(march_task(model, **asked))))]

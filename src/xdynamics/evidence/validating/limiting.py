@@ -25,6 +25,7 @@ from xdynamics.model import Model
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import column
 from xdynamics.schema import AT, AT_TIME, LEVEL
 from xdynamics.shapes.naming import written
 from xdynamics.units import Unit, parse_quantity, time_in, unit_suffix
@@ -170,7 +171,7 @@ def _compared(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
         observe(run, model, approach.names, approach.times) for run, model in zip(runs, approach.models, strict=True)
     ]
     values = {name: np.stack([sample[name][0] for sample in samples]) for name in approach.names}
-    units = {name: str(runs[0][name].attrs["units"]) for name in approach.names}
+    units = {name: str(column(runs[0], name).attrs["units"]) for name in approach.names}
     digests = [archive.digest_of_run(run) for run in runs]
     outcomes = [str(run.attrs["run_outcome"]) for run in runs[:-1]]
     return _dataset(approach, digests[:-1], outcomes, values, units, digests)
