@@ -42,6 +42,7 @@ from xdynamics.march.assembly.slip_stops import check_cone, end_slips, halt_slip
 from xdynamics.march.assembly.touching import (
     ACTS,
     AFTER,
+    BEFORE,
     BOUNCE,
     BROKEN,
     CANDIDATE,
@@ -85,7 +86,6 @@ def rest(run: Run, t: float) -> bool:
     for a in range(run.tallies[TOGETHER]):
         still = abs(rate_of(run, a)) <= run.touching[a, SLACK] + falling(run, a) * resolution(run, a)
         run.touching[a, ACTS] = 1.0 if still and run.touching[a, LIFTS] == 0.0 else 0.0
-        run.touching[a, SKIPS], run.touching[a, LASTS], run.touching[a, TAKEN] = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
         if not find_forces(run):
             return False
@@ -214,19 +214,18 @@ def grip_of(run: Run, a: int) -> int:
 def take_energy(run: Run, t: float) -> None:
     """Remove the rates of closed links, and note what energy bounces that are skipped had."""
     for a in range(run.tallies[TOGETHER]):
-        run.touching[a, TAKEN] = rate_of(run, a)
+        run.touching[a, BEFORE] = rate_of(run, a)
         if run.tallies[ROWS] == 2:
             run.touching[a, PULL] = slip_of(run, a)
     look_at_closed(run, t, run.z)
     stop(run)
     row, rows, lasting = closed_from(run), int(run.tallies[ROWS]), skipped_time(run)
     for a in range(run.tallies[TOGETHER]):
-        before = run.touching[a, TAKEN]
-        run.touching[a, TAKEN] = 0.0
+        before = run.touching[a, BEFORE]
         if run.touching[a, ACTS] == 1.0:
             impulse, after = run.vectors[X, row] * run.vectors[SCALE, row], rate_of(run, a)
             taken = -impulse * (before + after) / 2.0
-            run.touching[a, TAKEN] = taken if run.touching[a, SKIPS] == 1.0 else 0.0
+            run.touching[a, TAKEN] += taken if run.touching[a, SKIPS] == 1.0 else 0.0
             run.spans[LOSS] += taken
             run.spans[WORK] -= impulse * run.touching[a, EARLY]
             run.spans[TERMS] += abs(impulse) * (abs(before) + abs(after))

@@ -31,6 +31,8 @@ from xdynamics.march.assembly.broad_phase import (
     MEETS,
     OVERLAP,
     READY,
+    RESIDUAL,
+    ROWS,
     SHIFTED,
     STRAIN,
     STRAINED,
@@ -44,7 +46,7 @@ from xdynamics.march.assembly.broad_phase import (
 )
 from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note_links
 from xdynamics.march.assembly.holding import hold, release_moved
-from xdynamics.march.assembly.impact import collide, weigh_impulses
+from xdynamics.march.assembly.impact import any_approaches, collide, weigh_impulses
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, pattern_at, touch
 from xdynamics.march.assembly.narrow_phase import (
     NOISE,
@@ -71,6 +73,7 @@ from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
 MOST_HASTE = 1000  # events that follow each other within what times are located to
+MOST_STRIKES = 8  # at one time, of links that what stops others has approach
 MOST_IDLE, IDLY = 100, 1e-2  # landings in a row at which nothing changes, each after less than this of a step
 LEFT_OVER = 16.0 * NOISE  # of energies: what rounding may leave for each link and coordinate
 FREELY, CUT, AT_A_LOSS = range(1, 4)  # whether the trial in which links meet was cut for a node; or was not watched
@@ -230,14 +233,12 @@ def land(run: Run) -> None:
     note_samples_apart(run, before)
     run.at[T] = trial.t
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
-    if not (list_touching(run, trial.t) and collide(run)):
+    strikes = list_touching(run, trial.t) and strike(run, trial.t)
+    note_impacts(run, before)
+    if not strikes:
         leave(run, before, REASON_CONTACT)
         return
     weigh_impulses(run)
-    note_impacts(run, before)
-    if not rest(run, trial.t):
-        leave(run, before, REASON_CONTACT)
-        return
     note_changes(run, before)
     note_idleness(run, now.events > events)
     evaluate(run, trial.t, run.z)
@@ -256,6 +257,21 @@ def land(run: Run) -> None:
         end(run, CONTACT_INCONSISTENT)
         return
     depart(run, reached)
+
+
+@shared
+def strike(run: Run, t: float) -> bool:
+    """Find impulses of links that touch, and which of them are closed then; whether these were found.
+
+    What stops slips and bounces that are too low may have others approach, which are struck in their turn.
+    """
+    run.spans[LOSS], run.spans[WORK], run.spans[TERMS], run.spans[RESIDUAL] = 0.0, 0.0, 0.0, 0.0
+    for _ in range(MOST_STRIKES):
+        if not (collide(run) and rest(run, t)):
+            return False
+        if run.tallies[ROWS] == 1 or not any_approaches(run):
+            break
+    return True
 
 
 @shared

@@ -60,7 +60,6 @@ MOST_ROUNDS = 1000
 @shared
 def collide(run: Run) -> bool:
     """Change the velocities of the trial's state by the impulses of the links that touch; whether they were found."""
-    run.spans[RESIDUAL] = 0.0
     if not any_approaches(run):
         return True
     law = run.assemblies[run.candidates[int(run.touching[0, CANDIDATE]), ASSEMBLY]].law
@@ -80,8 +79,7 @@ def collide(run: Run) -> bool:
 
 @shared
 def weigh_impulses(run: Run) -> None:
-    """Sum the energy that impulses took, what moving surfaces gave by them, and the size of the terms."""
-    run.spans[LOSS], run.spans[WORK], run.spans[TERMS] = 0.0, 0.0, 0.0
+    """Add the energy that impulses took, what moving surfaces gave by them, and the size of the terms."""
     for a in range(run.tallies[TOGETHER]):
         impulse = run.touching[a, TOTAL]
         run.spans[LOSS] += run.touching[a, LOST]

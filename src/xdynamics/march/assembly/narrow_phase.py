@@ -15,7 +15,7 @@ from xdynamics.elementary.rounding_margins import EPS, SMOOTH
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
-from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, WHOLE_STEP
+from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, ROWS, WHOLE_STEP
 from xdynamics.march.assembly.closed_links import (
     SCALE,
     closed_index,
@@ -148,9 +148,23 @@ def judge_link(run: Run, k: int, start: float, end: float, finest: bool) -> int:
     # a gap that begins below zero, by what rounding left, and stays there is no free one
     if smooth and before > 0.0 and clears(before, after, down, up, end - start):
         return FREE
+    if smooth and run.tallies[ROWS] == 2 and is_parting(run, start, end, k, down, slack):
+        return FREE
     if finest or end - start <= resolution_of(run, k, end):
         return MEETS if after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack else FREE
     return OPEN
+
+
+@shared
+def is_parting(run: Run, start: float, end: float, k: int, down: float, slack: float) -> bool:
+    """Whether a link parts at both ends, and cannot sink farther between them than one that is located may.
+
+    Of bodies that are pushed together, as in a heap, rates change by far less than the terms of their bounds.
+    """
+    sinks = -down * (end - start)
+    if not sinks <= slack / NOISE * resolution_of(run, k, end):
+        return False
+    return rate_at(run, run.near, run.now[0].t + start, k) >= -slack <= rate_at(run, run.far, run.now[0].t + end, k)
 
 
 @shared

@@ -143,6 +143,7 @@ def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
     numbers[a, CANDIDATE], numbers[a, GAP], numbers[a, SLACK], numbers[a, OWN] = k, gap, slack, own
     numbers[a, BOUNCE], numbers[a, TOTAL], numbers[a, LOST] = pattern.links[0].coefficient, 0.0, 0.0
     numbers[a, BIAS], numbers[a, GIVES_BACK] = pattern.links[0].free, 0.0
+    numbers[a, SKIPS], numbers[a, LASTS], numbers[a, TAKEN] = 0.0, 0.0, 0.0
     moved = pattern.links[0].rate  # by time alone
     for i in range(assembly.coordinates):
         moved -= pattern.directions[0, i] * pattern.z[assembly.leaves + i]
