@@ -299,3 +299,27 @@ def test_elements_of_a_sweep_over_two_axes_share_a_panel() -> None:
         drawn = maps[f"end_u[{number}]"]
         assert (drawn.get_array() == table["end_u"].values[..., number].T).all()
         assert drawn.get_clim() == maps["end_u[0]"].get_clim()
+
+
+def test_elements_of_a_refinement_share_a_panel() -> None:
+    """Assert a line for each of eight elements with its differences, names of the three that differ most, and verdicts."""
+    model = xd.Model.from_text(CHAIN.replace("sin(3*pi", "sin(2.5*pi"))
+    steps = ["0.02 s", "0.01 s", "0.005 s", "0.0025 s"]
+    study = xd.refine(model, method="velocity_verlet", steps=steps, at=["0.5 s", "1 s"], observables=["u"])
+    (axes,) = xd.plot(study).axes
+    changes = np.abs(study["difference_u"].isel(at=-1).values[:-1])
+    order = [*np.argsort(-changes.max(axis=0), kind="stable")]
+    names = [text.get_text().split(",")[0] for text in axes.get_legend().get_texts()]
+    assert names == [f"u[{number}]" for number in order[:3]]
+    found = [np.asarray(line.get_ydata()) for line in axes.lines if line.get_linestyle() == "-"]
+    assert len(found) == 8
+    for number in range(8):
+        assert any(line.shape == (3,) and (line == changes[:, number]).all() for line in found)
+    title = " ".join(axes.get_title(loc="left").split())
+    assert title == "u at t = 1 s, 8 elements: 8 asymptotic"
+
+
+def test_modes_of_many_elements_have_whole_numbers_below() -> None:
+    """Assert no tick between two elements."""
+    axes = xd.plot(xd.modes(xd.Model.from_text(CHAIN.replace("= 8", "= 30")))).axes[0]
+    assert {float(tick) % 1.0 for tick in axes.get_xticks()} == {0.0}

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
+from xdynamics.figures.marks import COLOURS, in_unit, label_time, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.shapes import parted
@@ -150,7 +150,9 @@ def _apart(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     label_time(axes, comparison[AT_TIME])
     axes.set(ylabel=words(f"difference ({comparison[f'difference_{name}'].attrs['units']})"))
     scale = comparison.get(schema.scale("difference", name))
-    suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
+    suffix = (
+        "" if scale is None else f"; scale {float(scale):.3g} {typeset(str(scale.attrs['units']))}".removesuffix(" 1")
+    )
     whole, labels = parted(name)
     title = str(comparison[f"difference_{name}"].attrs["long_name"])
     if labels and title.startswith(f"{whole},"):

@@ -48,6 +48,8 @@ def foot_of(modes: xr.Dataset) -> str:
 
 def _shape(modes: xr.Dataset, number: int, axes: Axes) -> None:
     """Draw the displacement of every coordinate in a mode."""
+    from matplotlib.ticker import MaxNLocator
+
     shapes = {str(name): variable for name, variable in modes.items() if variable.attrs.get("role") == "mode_shape"}
     values = np.array([float(variable[number]) for variable in shapes.values()])
     places = np.arange(values.size)
@@ -65,6 +67,7 @@ def _shape(modes: xr.Dataset, number: int, axes: Axes) -> None:
         )
         axes.set_xticks(places, names, **tilted)
     else:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel(f"{names[0]} to {names[-1]}")
     units = dict.fromkeys(str(variable.attrs["units"]) for variable in shapes.values())
     axes.set(ylim=(-1.15, 1.15), ylabel=words(f"displacement ({', '.join(map(typeset, units))})"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,20 +16,39 @@ from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import in_prose, words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
+from xdynamics.shapes import parted
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+MOST_ALONE = 3  # elements of a quantity, each of which has a panel
+MOST_NAMED = 3  # elements in one panel that have colours and names
 MOST_PLACES = 4  # of one number, in one panel
 ROUNDINGS = 64  # spacings of a number's size, that levels differ by for no other cause
 FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not drawn
 
 
 def panels_of(study: xr.Dataset) -> list[Panel]:
-    """Return the panel of each number of a refinement."""
-    return [partial(_differences, study, name) for name in _numbers(study)]
+    """Return the panel of each number of a refinement; one for many elements of a quantity."""
+    return [
+        partial(_of_elements, study, names) if len(names) > 1 else partial(_differences, study, names[0])
+        for names in _groups(study, _numbers(study))
+    ]
+
+
+def _groups(study: xr.Dataset, names: list[str]) -> list[list[str]]:
+    """Group elements of a quantity that has many; all else, and numbers without levels in a row, stand alone."""
+    groups, is_number = dict[str, list[str]](), study[str(study.attrs["varied"])].dtype.kind == "f"
+    for name in names:
+        whole, labels = parted(name)
+        groups.setdefault(whole if labels and is_number else name, []).append(name)
+    return [
+        part
+        for group in groups.values()
+        for part in ([group] if len(group) > MOST_ALONE else [[name] for name in group])
+    ]
 
 
 def foot_of(study: xr.Dataset) -> str:
@@ -139,6 +159,42 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
         fontsize=10,
     )
     axes.legend(fontsize=8, frameon=False)
+
+
+def _of_elements(study: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw the differences of all elements of a quantity over its levels, at the last place; name the largest."""
+    varied = study[str(study.attrs["varied"])]
+    steps, place = varied.values, next((dim for dim in study[names[0]].dims if dim != LEVEL), None)
+    last = {place: -1} if place else {}
+    changes = {name: np.abs(study[f"difference_{name}"].isel(last).values) for name in names}
+    verdicts = {name: in_prose(words_of(study[f"verdict_{name}"].isel(last))[0]) for name in names}
+    order = sorted(names, key=lambda name: -float(np.nanmax(changes[name], initial=0.0)))
+    for name in reversed(order):
+        rank, shown = order.index(name), changes[name] > 0.0
+        style: dict[str, Any] = {"color": "0.75", "linewidth": 0.6, "markersize": 2}
+        if rank < MOST_NAMED:
+            style = {
+                "color": COLOURS[rank],
+                "linewidth": 1.0,
+                "markersize": 4,
+                "label": words(f"{name}, {verdicts[name]}"),
+            }
+        axes.plot(steps[shown], changes[name][shown], "o-", **style)
+        if rank == 0 and shown.any():
+            first = np.flatnonzero(shown)[0]
+            slope = changes[name][first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
+            axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
+    if any(np.size(line.get_xdata()) for line in axes.lines):
+        axes.set_yscale("log")
+    log_steps(axes, steps)
+    axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
+    axes.set(ylabel=words(f"|difference| ({study[names[0]].attrs['units']})"))
+    where = f" at {at_time(study[AT_TIME], float(study[AT_TIME][-1]))}" if place == AT else ""
+    counts = Counter(verdicts.values()).most_common()
+    said = ", ".join(f"{count} {word}" for word, count in counts)
+    axes.set_title(words(f"{parted(names[0])[0]}{where}, {len(names)} elements: {said}"), loc="left", fontsize=10)
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False)
 
 
 def _known(study: xr.Dataset, name: str) -> str:
