@@ -321,5 +321,5 @@ def test_elements_of_a_refinement_share_a_panel() -> None:
 
 def test_modes_of_many_elements_have_whole_numbers_below() -> None:
     """Assert no tick between two elements."""
-    axes = xd.plot(xd.modes(xd.Model.from_text(CHAIN.replace("= 8", "= 30")))).axes[0]
+    axes = xd.plot(xd.modes(xd.Model.from_text(CHAIN.replace("= 8", "= 20")))).axes[0]
     assert {float(tick) % 1.0 for tick in axes.get_xticks()} == {0.0}

@@ -148,25 +148,6 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
     return pairs
 
 
-def drawn_links(run: xr.Dataset) -> NDArray[np.int_]:
-    """Return which bodies have a line between them: the links of a table or of neighbours, not of every two.
-
-    Returns
-    -------
-    ndarray of int, shape (m, 2)
-        Numbers of bodies as `views` has them.
-    """
-    model, links = _model(run), [np.zeros((0, 2), int)]
-    if model is None or model.pictured.plane:
-        return links[0]
-    dims = next((part.dims for part in model.shaped.coordinates.values() if len(part.dims) > 1), ())
-    for name, declared in model.shaped.relations.items():
-        relation = model.shapes.relations[name]
-        if dims[:-1] == (relation.source,) == (relation.target,) and (declared.table or declared.neighbours):
-            links.append(np.stack([relation.first, relation.second], axis=-1))
-    return np.concatenate(links)
-
-
 def draw(
     run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, joined: bool = False, discs: bool = False
 ) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.figures.body_names import MOST_BODIES
 from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.plane import drawn_links
+from xdynamics.model import Model
 from xdynamics.model.parts import ORIGIN
 
 if TYPE_CHECKING:
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-WIDTHS = {"links": 3.0, "springs": 1.2, "threads": 0.9}
+WIDTHS = {"links": 3.0, "springs": 1.2, "threads": 0.9, "lines": 1.5}
+NAMED = ("links", "springs", "threads")  # by a model's plane
+STIFF = 0.05  # change of its length, up to which a spring looks like a bar
+MOST_COILED = 40  # springs of a relation; more would hide each other
 AT_START: dict[str, Any] = {"color": "0.6", "linewidth": 1.0, "zorder": 1.5}
 COILS = 8  # of a spring
 COIL = 0.025  # of the longer side, that a coil goes to either side
@@ -33,7 +36,7 @@ class Fastening:
 
     Attributes
     ----------
-    kind : {"links", "springs", "threads"}
+    kind : {"links", "springs", "threads", "lines"}
     ends : ndarray of int, shape (m, 2)
         Numbers of bodies, -1 for the origin.
     """
@@ -74,16 +77,48 @@ def coiled(start: Floats, end: Floats, coil: float) -> Floats:
 
 
 def fastenings(run: xr.Dataset, view: list[BodyPath]) -> list[Fastening]:
-    """Return what the model fastens its bodies by."""
+    """Return what the model fastens its bodies by: as its plane names it, or by its relations."""
     if "model_toml" not in run:
         return []
-    pictured = model_of(run, None).pictured
+    model = model_of(run, None)
+    pictured = model.pictured
+    if not pictured.plane:
+        return _related(model, view)
     number = {name: k for k, name in enumerate(pictured.bodies[: len(view)])} | {ORIGIN: -1}
     found = []
-    for kind in WIDTHS:
+    for kind in NAMED:
         ends = [[number[end] for end in pair] for pair in getattr(pictured, kind) if {*pair} <= number.keys()]
         if ends:
             found.append(Fastening(kind, np.array(ends)))
+    return found
+
+
+def _related(model: Model, view: list[BodyPath]) -> list[Fastening]:
+    """Return the links of relations between bodies that are a table or neighbours, not every two.
+
+    A relation that a constraint holds is of rods. One that has a potential is of springs; these are lines where they are
+    many, or so stiff that none changes its length by what could be seen: the bars of a truss.
+    """
+    dims, found = next((part.dims for part in model.shaped.coordinates.values() if len(part.dims) > 1), ()), []
+    held = {dim for name in model.shaped.constraints for dim in model.shapes.dims.get(name, ())}
+    sprung = {force.over for force in model.shaped.forces.values() if force.potential is not None} - held
+    for name, declared in model.shaped.relations.items():
+        relation = model.shapes.relations[name]
+        if dims[:-1] == (relation.source,) == (relation.target,) and (declared.table or declared.neighbours):
+            ends = np.stack([relation.first, relation.second], axis=-1)
+            ends = ends[(ends < min(len(view), MOST_BODIES)).all(axis=-1)]
+            is_coiled = name in sprung and len(ends) <= MOST_COILED and _stretch(view, ends) > STIFF
+            found.append(Fastening("links" if name in held else "springs" if is_coiled else "lines", ends))
+    return found
+
+
+def _stretch(view: list[BodyPath], ends: NDArray[np.int_]) -> float:
+    """Return how much the length of a link changes, as a part of the longest that it has: the most of all links."""
+    found = 0.0
+    for first, second in ends.tolist():
+        one, other = view[first], view[second]
+        lengths = np.hypot(other.x - one.x, other.y - one.y)
+        found = max(found, float(np.ptp(lengths) / (lengths.max() or 1.0)))
     return found
 
 
@@ -93,7 +128,6 @@ def draw_at_start(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> bool:
     places = np.array([[path.x[0], path.y[0]] for path in shown] + [[0.0, 0.0]])
     coil = COIL * float(np.ptp(places, axis=0).max())
     joints = [(part.kind, pair) for part in fastenings(run, shown) for pair in part.ends]
-    joints += [("links", pair) for pair in drawn_links(run) if (pair < len(shown)).all()]
     for kind, pair in joints:
         line = coiled(places[pair[0]], places[pair[1]], coil) if kind == "springs" else places[pair]
         axes.plot(*line.T, **AT_START)

@@ -31,7 +31,7 @@ from xdynamics.figures.lattice import profiled, shapes_of
 from xdynamics.figures.line_panels import MOST_NAMED
 from xdynamics.figures.marks import typeset, words
 from xdynamics.figures.mechanism import mechanism_of
-from xdynamics.figures.plane import along_a_line, drawn_links, frame_of_view, leaving, short, views
+from xdynamics.figures.plane import along_a_line, frame_of_view, leaving, short, views
 from xdynamics.figures.scenery import Fastening, fastenings
 
 if TYPE_CHECKING:
@@ -73,9 +73,7 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
     if (shown := shown or along_a_line(run)) and shown[0]:
         view = shown[0]
         radii = radii_of(run, view)
-        return Bodies(
-            view, run["time"], drawn_links(run), trail, fastenings(run, view), boundaries(run, view, radii), radii
-        )
+        return Bodies(view, run["time"], trail, fastenings(run, view), boundaries(run, view, radii), radii)
     if shown:
         return None
     times = run.variables["time"].values
@@ -104,8 +102,6 @@ class Bodies:
     view : list of BodyPath
     time : DataArray
         Recorded times, in whose unit the title says when a body leaves.
-    links : ndarray of int, shape (m, 2)
-        Which bodies have a line between them.
     trail : float, optional
         How far back trails go; a tenth of the run.
     fastenings : list of Fastening
@@ -118,14 +114,12 @@ class Bodies:
 
     view: list[BodyPath]
     time: xr.DataArray
-    links: NDArray[np.int_]
     trail: float | None = None
     fastenings: Sequence[Fastening] = ()
     boundaries: Sequence[Boundary] = ()
     radii: Floats = field(default_factory=lambda: np.zeros(0))
     _dots: Any = None
     _trails: Any = None
-    _lines: Any = None
     _tags: list[Any] = field(default_factory=list)
 
     @property
@@ -175,8 +169,6 @@ class Bodies:
         axes.set_xlabel(words(f"{labels[0]} ({typeset(first.units)})"))
         axes.set_ylabel(words(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
         shown, colours = view[:MOST_BODIES], colours_of(view)
-        self.links = self.links[(self.links < len(shown)).all(axis=-1)]
-        self._lines = axes.add_collection(LineCollection([], colors="0.5", linewidths=1.5), autolim=False)
         few = len(shown) <= MOST_TRAILS
         trails = LineCollection([], colors=colours[: len(shown)], linewidths=1.2 if few else 0.0, alpha=0.6)
         self._trails = axes.add_collection(trails, autolim=False)
@@ -228,7 +220,6 @@ class Bodies:
         shown = self.view[:MOST_BODIES]
         places = np.array([[np.interp(now, body.times, part) for part in (body.x, body.y)] for body in shown])
         self._dots.set_offsets(places)
-        self._lines.set_segments(places[self.links])
         known = np.vstack([places, np.zeros((1, 2))])  # the last is the origin
         others = [part.at(known) for part in self.fastenings] + [part.at(now) for part in self.boundaries if part.moves]
         if len(shown) <= MOST_TRAILS:
@@ -236,7 +227,7 @@ class Bodies:
             self._trails.set_segments([_trail(body, now - back, now) for body in shown])
         for tag, place in zip(self._tags, places, strict=False):
             tag.xy = tuple(place)
-        return [self._trails, self._lines, *others, self._dots, *self._tags]
+        return [self._trails, *others, self._dots, *self._tags]
 
 
 def _trail(body: BodyPath, begin: float, end: float) -> Floats:

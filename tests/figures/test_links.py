@@ -1,0 +1,93 @@
+"""What joins bodies of a model with dimensions, in the plane and in films: rods, springs, bars."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.figures.plane import views
+from xdynamics.figures.scenery import fastenings
+from xdynamics.figures.scenes import scene_of
+from xdynamics.record import unfold
+
+ROPE = """
+name = "bodies in a row"
+[dimensions]
+ball = {count}
+axis = ["x", "y"]
+[relations.bond]
+of = "ball"
+neighbours = 1
+[coordinates]
+r = {{ unit = "m", dims = ["ball", "axis"] }}
+[parameters]
+k = "{stiffness} N m-1"
+L = "1 m"
+[mass]
+r = "1*kilogram"
+{joined}
+[initial]
+r = "metre*index(ball)*(1 - index(axis))*{stretched}"
+v_r = "index(axis)*(index(ball) - (size(ball) - 1)/2)*metre/second"
+[run]
+method = "rk4"
+step = "1 ms"
+until = "0.2 s"
+"""
+SPRINGS = '[forces.bonds]\nover = "bond"\npotential = "k*(norm(second(r, bond) - first(r, bond), axis) - L)**2/2"'
+RODS = '[forces.none]\nr = "0*newton*k*L/(newton)"\n[constraints.rod]\nholds = "norm(second(r, bond) - first(r, bond), axis) - L"'
+PLAIN = '[forces.none]\nr = "-k*r"'
+
+
+def joined_by(joined: str, count: int = 3, stiffness: str = "40", stretched: str = "1.3") -> Any:
+    """A run of bodies in a row, and its bodies in the plane."""
+    text = ROPE.format(count=count, stiffness=stiffness, joined=joined, stretched=stretched)
+    run = unfold(xd.simulate(xd.Model.from_text(text))).copy(deep=False)
+    return run, views(run)[0]
+
+
+@pytest.mark.parametrize(
+    ("joined", "settings", "kind"),
+    [
+        (SPRINGS, {}, "springs"),
+        (SPRINGS, {"stiffness": "1e6", "stretched": "1"}, "lines"),
+        (SPRINGS, {"count": 45}, "lines"),
+        (RODS, {"stretched": "1"}, "links"),
+        (PLAIN, {}, "lines"),
+    ],
+)
+def test_links_of_relations_are_what_acts_over_them(joined: str, settings: dict[str, Any], kind: str) -> None:
+    """Assert springs for a potential, bars where they are stiff or many, rods for a constraint, and every link once."""
+    run, view = joined_by(joined, **settings)
+    (found,) = fastenings(run, view)
+    assert found.kind == kind
+    count = settings.get("count", 3)
+    assert (found.ends == np.stack([np.arange(count - 1), np.arange(1, count)], axis=-1)).all()
+
+
+def test_springs_of_relations_go_from_body_to_body() -> None:
+    """Assert coils in a film from where each body is to where the next one is, and in the plane from start to start."""
+    run, view = joined_by(SPRINGS)
+    scene: Any = scene_of(run, None)
+    figure = xd.plot(run, only="plane")
+    grey = [line for line in figure.axes[0].lines if line.get_color() == "0.6"]
+    assert [(line.get_xdata()[0], line.get_xdata()[-1]) for line in grey] == [(0.0, 1.3), (1.3, 2.6)]
+    assert all(len(line.get_xdata()) > 10 for line in grey)
+    scene.start(figure.axes[0])
+    coils = scene.at(0.2)[1].get_segments()
+    places = np.array([[path.x[-1], path.y[-1]] for path in view])
+    assert len(coils) == 2
+    for k, coil in enumerate(coils):
+        assert np.allclose(coil[[0, -1]], places[[k, k + 1]], rtol=0.0, atol=1e-12)
+        assert len(coil) > 10
+
+
+def test_a_truss_is_of_bars() -> None:
+    """Assert straight lines for the six elastic bars of a truss, which stretch by less than can be seen."""
+    run = unfold(xd.simulate(xd.Model.from_toml(MODELS / "truss.toml"))).copy(deep=False)
+    (found,) = fastenings(run, views(run)[0])
+    assert (found.kind, found.ends.shape) == ("lines", (6, 2))
