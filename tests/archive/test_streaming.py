@@ -22,12 +22,21 @@ MODEL = oscillator().model
 
 
 @pytest.mark.parametrize(
-    ("columns", "expected", "rows"),
-    [(10, 0, 131_072), (10, 201, 201), (10, 10**6, 131_072), (999, 10**6, 32_032), (1000, 0, 32_000)],
+    ("columns", "elements", "expected", "rows"),
+    [
+        (10, False, 0, 131_072),
+        (10, False, 201, 201),
+        (10, False, 10**6, 131_072),
+        (999, False, 10**6, 32_032),
+        (1000, False, 0, 32_000),
+        (1000, True, 0, 4000),
+        (5_000_000, True, 10**6, 1),
+    ],
 )
-def test_a_block_is_bounded(columns: int, expected: int, rows: int) -> None:
-    """Assert that a block has no more rows than its march, than a chunk, and than 256 MB of numbers."""
-    layout = SimpleNamespace(row=SimpleNamespace(size=columns), watched=())
+def test_a_block_is_bounded(columns: int, elements: bool, expected: int, rows: int) -> None:
+    """Assert that a block has no more rows than its march, than a chunk, and than 256 MB of numbers, 32 MB of elements."""
+    shapes = SimpleNamespace(shapes=SimpleNamespace(dims={"u": ("site",)} if elements else {}))
+    layout = SimpleNamespace(row=SimpleNamespace(size=columns), watched=(), model=shapes)
     march: Any = SimpleNamespace(layout=layout, expected_rows=expected)
     assert streaming._rows(march) == rows
 

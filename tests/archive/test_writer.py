@@ -53,6 +53,24 @@ def test_what_may_grow_and_what_not(file: netCDF4.Dataset) -> None:
     assert file["empty"].chunking() == [1, OTHER_CHUNK]
 
 
+@pytest.mark.parametrize(
+    ("sizes", "chunk"),
+    [
+        ({"site": 300}, [436, 300]),
+        ({"site": 10_000}, [13, 10_000]),
+        ({"site": 1_000_000}, [1, 125_000]),
+        ({"body": 100_000, "axis": 3}, [1, 33_334, 3]),
+    ],
+    ids=str,
+)
+def test_rows_of_many_elements_are_whole_or_in_equal_parts(
+    file: netCDF4.Dataset, sizes: dict[str, int], chunk: list[int]
+) -> None:
+    """Assert chunks of up to a megabyte that hold rows in one piece, so that one row a time is written once."""
+    Writer(file).define("r", (STEPS, *sizes), FLOAT, {}, sizes)
+    assert file["r"].chunking() == chunk
+
+
 def test_a_variable_has_room_for_two_chunks(file: netCDF4.Dataset) -> None:
     """Assert that the library keeps no more of a variable in memory than what is being filled."""
     filled(file, 5)

@@ -18,6 +18,7 @@ from xdynamics.archive.stores import check_target
 from xdynamics.archive.writer import Writer
 from xdynamics.archive.writing import new_file
 from xdynamics.march import LogBlock, March
+from xdynamics.march.log import is_wide
 from xdynamics.record import provenance
 from xdynamics.schema import CLOSED_LINKS, EVENTS, SAMPLES, STEPS, TRIALS
 
@@ -27,6 +28,7 @@ Part = tuple[str, Array]
 BLOCK_ROWS = 131_072
 ROWS_AT_EVENTS = 4096  # a short run has no more of them
 BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
+WIDE_NUMBERS = 4_000_000  # the same where columns have many elements, so that they are fewer
 
 
 def stream(march: March, path: Given, *, before: Iterable[Part] = (), resume: bool = False) -> Place:
@@ -130,9 +132,9 @@ def _define(writer: Writer, spec: Sequence[record.Column], march: March, sizes: 
 def _rows(march: March) -> int:
     """Return the rows of a block: a short run fits into one, so that its chunks are no larger than it is."""
     expected = march.expected_rows or BLOCK_ROWS
-    return min(
-        BLOCK_ROWS, BLOCK_NUMBERS // march.layout.row.size, expected + ROWS_AT_EVENTS * bool(march.layout.watched)
-    )
+    numbers = WIDE_NUMBERS if is_wide(march.layout) else BLOCK_NUMBERS
+    most = max(1, numbers // march.layout.row.size)
+    return min(BLOCK_ROWS, most, expected + ROWS_AT_EVENTS * bool(march.layout.watched))
 
 
 def _sizes(block: LogBlock) -> dict[str, int]:

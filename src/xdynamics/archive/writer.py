@@ -90,13 +90,7 @@ class Writer:
         self._filled[name] = 0
         if seal.is_text:
             return  # created when its length is known
-        chunks = (
-            [min(CHUNKS.get(dim, OTHER_CHUNK), max(1, sizes.get(dim, CHUNKS.get(dim, OTHER_CHUNK)))) for dim in dims]
-            if dims
-            else None
-        )
-        if chunks and dims[0] in CHUNKS and (inner := prod(chunks[1:])) > 2:  # elements of a model's dimensions
-            chunks[0] = min(chunks[0], max(1, CHUNKS[dims[0]] // inner))
+        chunks = _chunks(dims, sizes) if dims else None
         # further levels of zlib take more time, a tenth and up, for a hundredth of the bytes
         variable = self._file.createVariable(
             name,
@@ -214,3 +208,16 @@ class Writer:
         self.digest = root_digest(digests, self._attributes, kept)
         self._file.setncattr(ROOT_DIGEST, self.digest)
         self._file.setncattr(VOLATILE_DIGEST, volatile_digest(digests, self._attributes, kept))
+
+
+def _chunks(dims: tuple[str, ...], sizes: Mapping[str, int]) -> list[int]:
+    """Return the form of a variable's chunks: of rows with many elements as many as a megabyte holds, or a part of one."""
+    chunks = [min(most := CHUNKS.get(dim, OTHER_CHUNK), max(1, sizes.get(dim, most))) for dim in dims]
+    room = CHUNKS.get(dims[0], OTHER_CHUNK)
+    for k in reversed(range(1, len(dims))):
+        if (size := sizes.get(dims[k], 0)) > chunks[k]:
+            parts = -(-size // max(chunks[k], room // prod(chunks[k + 1 :])))
+            chunks[k] = -(-size // parts)  # equal parts: what is left of the last one would be written too
+    if dims[0] in CHUNKS and (inner := prod(chunks[1:])) > 2:  # elements of a model's dimensions
+        chunks[0] = min(chunks[0], max(1, room // inner))
+    return chunks

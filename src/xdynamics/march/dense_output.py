@@ -53,7 +53,7 @@ def states_within(
         Step size; regime, kind of row, state of each reaction and state at the start; and for a method
         whose iterations continue those of the step before, the state at the end; in units of the record. Where numbers
         are sums of two, after the state its rests and that of the time.
-    factors : ndarray, shape (n, 1)
+    factors : ndarray, shape (n, 1) or (1, 1)
         From internal units to those of the record.
     reintegrated : bool
         Whether to make a shorter step, or to use the interpolant of the whole one.
@@ -77,27 +77,45 @@ def states_within(
     size, regime, after_event = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
     states, columns = columns[3 : 3 + reaction_count], columns[3 + reaction_count :]
     doubled = law.layout.is_doubled
-    results = np.vstack([columns[:n], np.zeros((n, times.size)), columns[n : 2 * n] if doubled else columns[:0]])
     if not moving.size:
-        return results
+        return _at_rest(columns, n, doubled=doubled)
     owners = np.zeros(times.size) if runs is None else runs
     steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *states])
     if doubled:
         steps = np.vstack([steps, columns[2 * n], [rest_of_time(time) for time in times.tolist()]])
         inputs = [steps, _sums(model, law.layout, columns), columns[:0]]
     else:
-        inputs = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
+        inputs = [steps, *(_in_units(part, factors) for part in (columns[:n], columns[n:]))]
     inner = np.empty((2 * len(inputs[1]), moving.size))
     # a run of its own: this is called in several threads
     addresses = law.addresses if reintegrated else law.addresses_inside
     run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
     if past is not None:
         past.lend(run)
-    inputs = [np.ascontiguousarray(array[:, moving]) for array in inputs]
+    chosen = moving if moving.size < times.size else slice(None)  # which copies nothing
+    inputs = [np.ascontiguousarray(array[:, chosen]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
     engine().states_inside(run, run_parameters, *inputs, inner, reintegrated, judged)
-    results[:, moving] = _recorded(model, law.layout, inner) if doubled else inner * np.vstack([factors, factors])
+    if doubled:
+        inner = _recorded(model, law.layout, inner)
+    else:
+        inner[:n] *= factors
+        inner[n:] *= factors
+    if moving.size == times.size:
+        return inner
+    results = _at_rest(columns, n, doubled=doubled)
+    results[:, moving] = inner
     return results
+
+
+def _at_rest(columns: Floats, n: int, *, doubled: bool) -> Floats:
+    """Return accepted states without a step after them."""
+    return np.vstack([columns[:n], np.zeros_like(columns[:n]), columns[n : 2 * n] if doubled else columns[:0]])
+
+
+def _in_units(numbers: Floats, factors: Floats) -> Floats:
+    """Return recorded numbers in internal units: the same array where these are the same."""
+    return numbers if not len(numbers) or (factors == 1.0).all() else numbers / factors
 
 
 def past_of(model: Model, settings: Settings, law: Law, columns: Floats, factors: Floats) -> Past:
@@ -110,7 +128,7 @@ def past_of(model: Model, settings: Settings, law: Law, columns: Floats, factors
     law : Law
     columns : ndarray, shape (4 + r + n, rows)
         Time and step size in units of the record, regime, kind of row, state of each reaction, the state.
-    factors : ndarray, shape (n, 1)
+    factors : ndarray, shape (n, 1) or (1, 1)
         From internal units to those of the record.
     """
     run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)

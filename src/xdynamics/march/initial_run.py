@@ -24,7 +24,7 @@ from xdynamics.march.assembly.assembly_arrays import assembled
 from xdynamics.march.attitudes import PARTS
 from xdynamics.march.engine import pressing
 from xdynamics.march.equation_solvers import solver_of
-from xdynamics.march.log import Log, allocate
+from xdynamics.march.log import Log, allocate, unwritten
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past_arrays import delay_times, jumps_at, past_arrays
 from xdynamics.march.run import (
@@ -140,14 +140,14 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("slopes", "arguments"), events + len(layout.followed) + 3 * len(layout.tracked))
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
-    arrays = {name: np.zeros(length) for name, length in lengths.items()}
+    arrays = {name: unwritten(length) for name, length in lengths.items()}
     put_in_si(model.initial, layout.used, arrays["y"])
     layout.divide_by_sizes(arrays["y"], settings.scales)
     if layout.is_doubled:
         first = n + layout.evaluation.size
         arrays["y"][first : first + n] = [rest_of(model.initial[name]) for name in layout.used]
     arrays["atol"] = _tolerances(law, settings)
-    arrays["probe"], arrays["turning"] = np.zeros(layout.record.size), np.zeros(3 * n - layout.coordinates.size)
+    arrays["probe"], arrays["turning"] = unwritten(layout.record.size), unwritten(3 * n - layout.coordinates.size)
     arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())) + 1)
     return arrays
 
@@ -156,9 +156,8 @@ def _tolerances(law: Law, settings: Settings) -> Floats:
     """Return the absolute tolerances; without any an error may have any size."""
     layout, tolerances = law.layout, settings.tolerances
     if tolerances is None:
-        # of a million zeros that nothing reads the system gives no memory
         judged = layout.estimates or law.scheme.method.solver != NOTHING
-        return np.full(layout.used.size, np.inf) if judged else np.zeros(layout.used.size)
+        return np.full(layout.used.size, np.inf) if judged else unwritten(layout.used.size)
     atols = tolerances.of_all(layout.used)
     # a tolerance that follows its variable is not known yet
     return np.where(np.isnan(atols), 0.0, atols / layout.sizes(settings.scales) * widened(law, tolerances.rtol))
@@ -167,7 +166,7 @@ def _tolerances(law: Law, settings: Settings) -> Floats:
 def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64] | NDArray[np.int16]]:
     """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
-    follow = np.zeros(layout.used.size, np.int64)  # of a million zeros the system gives no memory
+    follow = unwritten(layout.used.size, np.int64)
     if tolerances is not None and (nan := np.isnan(tolerances.of_all(layout.used))).any():
         follow[:] = nan
     return {"followers": follow, "kinds": layout.kinds}

@@ -332,9 +332,15 @@ def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     return np.frombuffer(_mapped(size), dtype).reshape(shape)
 
 
-def unwritten(count: int) -> NDArray[np.float64]:
-    """Return zeros that take no memory before they are written; those of numpy may be on a heap that has been used."""
-    return np.frombuffer(_mapped(8 * count)) if hasattr(mmap, "MAP_PRIVATE") else np.zeros(count)
+def unwritten(count: int, dtype: type[Any] = np.float64) -> NDArray[Any]:
+    """Return zeros of which many take no memory before they are written, and give it back to the system.
+
+    Those of numpy may be on a heap that has been used: of up to 32 MB they are written at once, and kept when freed.
+    """
+    size = count * np.dtype(dtype).itemsize
+    if size < _HUGE or not hasattr(mmap, "MAP_PRIVATE"):
+        return np.zeros(count, dtype)
+    return np.frombuffer(_mapped(size), dtype)
 
 
 def _mapped(size: int) -> mmap.mmap:

@@ -24,7 +24,7 @@ from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
-from xdynamics.march.memory import LARGE, arrays_of, give_back, put_back, rest_on
+from xdynamics.march.memory import LARGE, arrays_of, give_back, numbers_at_end, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.past_arrays import make_room
 from xdynamics.march.run import NOW, Run
@@ -35,7 +35,7 @@ from xdynamics.march.witnesses import Witnesses
 from xdynamics.model import Model
 from xdynamics.model.switches import Switch
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import EVENT_AFTER
+from xdynamics.schema import ERRORS, EVENT_AFTER, WITNESSES
 from xdynamics.units import TIME, unit_suffix
 
 PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
@@ -93,9 +93,7 @@ class March:
         self.atol_effect = ""  # effect of errors of given absolute tolerances, in words, once it is over
         self.event_pairs = 0
         self.gains = Gains()  # energy that impacts created
-        self.misplaced = np.zeros(
-            len(self.layout.watched), bool
-        )  # detectors with an event outside its position tolerance
+        self.misplaced = np.zeros(len(self.layout.watched), bool)  # those with an event beyond its position tolerance
         self.witnesses = Witnesses(self.layout.used.size, self.estimated)
 
     @cached_property
@@ -173,8 +171,8 @@ class March:
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
-        if logs == 1:
-            allocate(self.layout, 1, sampled=0).lend(self.run)  # nothing of it is touched any more
+        if kept:
+            allocate(self.layout, 1, sampled=0).lend(self.run)  # nothing of the others is touched any more
 
     @contextmanager
     def _memory(self) -> Iterator[None]:
@@ -260,29 +258,31 @@ class March:
         if self.thinning:
             self.thinning.go_on_from(memory)
 
-    def let_go(self) -> None:
-        """After a good end, give back the memory of its trials, which nothing reads any more."""
-        if self._has_ended_well:
+    def numbers_at_end(self) -> tuple[str, NDArray[np.float64]]:
+        """Return the numbers that it needs to go on after its end, and names for them, as a record keeps them.
+
+        After a good end the memory of trials is given back, and these numbers stand in the place of its own.
+        """
+        ended_well = not self.unfinished and self.outcome.good
+        if ended_well:
             give_back(self.run)
-
-    def rest_on(self, numbers: NDArray[np.float64]) -> None:
-        """After a good end, read its last numbers in its record instead of a copy."""
-        if self._has_ended_well:
+        names, numbers = numbers_at_end(self.run)
+        if not self.settings.keeps_states:  # rows by which it is judged, and which its record leaves out
+            names, numbers = f"{names} {WITNESSES}", np.append(numbers, self.witnesses.rows)
+            if self.witnesses.errors.size:
+                names, numbers = f"{names} {ERRORS}", np.append(numbers, self.witnesses.errors)
+        if ended_well:
             rest_on(self.run, numbers)
-
-    @property
-    def _has_ended_well(self) -> bool:
-        return not self.unfinished and self.outcome.good
+        return names, numbers
 
     def _filled(self, log: Log, patience: float) -> LogBlock:
         """Fill one log, with checks of clock and keyboard now and then."""
-        first, before, march = _counts(self.run), None, engine().march
+        first, before, march, in_time = _counts(self.run), None, engine().march, True
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
         pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
         started = looked = clock()
         log.follow(*first)
         log.lend(self.run)
-        in_time = True
         while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
             pause = self.passages.shortened(pause, counts[0])

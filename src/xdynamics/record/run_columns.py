@@ -16,7 +16,6 @@ from xdynamics.faults import InputError, few
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import LogBlock, March, Settings
-from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
@@ -137,11 +136,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     entries += parameters(march.model)
     entries += dimensions(march.model)
     entries += passed(march)
-    names, numbers = numbers_at_end(march.run)
-    if not march.settings.keeps_states:  # rows by which a march is judged, and which its record leaves out
-        names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses.rows)
-        if march.witnesses.errors.size:
-            names, numbers = f"{names} {schema.ERRORS}", np.append(numbers, march.witnesses.errors)
+    names, numbers = march.numbers_at_end()
     entries.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
         f"\n\n# Python function {function.name}, sha256 {function.digest}\n{function.source}"

@@ -19,7 +19,7 @@ from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
-from xdynamics.schema import BOUNDS, END_MEMORY, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
+from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,10 +51,7 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
     if march.witnesses.elsewhere:
         held = {variable.name: values for variable, values in filled}
         march.witnesses.read_in([held[block.name] for block in march.layout.used.blocks])
-    march.let_go()
-    known = [(variable, np.asarray(value)) for variable, value in constants(march)]
-    march.rest_on(next(value for variable, value in known if variable.name == END_MEMORY.name))
-    filled += known
+    filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     return _assembled(filled, provenance.attributes(march))
 
 
