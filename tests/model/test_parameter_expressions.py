@@ -40,6 +40,30 @@ MODEL = xd.Model.from_text(CHAIN)
 NUMBERED = xd.Model(**MODEL.written_out())
 
 
+LINKS = """
+name = "bonds"
+[dimensions]
+site = ["a", "b", "c"]
+axis = ["x", "y"]
+[relations.bond]
+of = "site"
+csv = "first,second,k [N m-1]\\na,b,1\\nb,c,2\\n"
+table = "bonds.csv"
+[coordinates.r]
+dims = ["site", "axis"]
+unit = "m"
+[parameters]
+m = { dims = ["site", "axis"], values = { a = { x = "1 kg", y = "2 kg" }, c = [5, 6], b = "3 kg" }, unit = "kg" }
+[mass]
+r = "m"
+[forces.bonds]
+over = "bond"
+potential = "k*norm(second(r, bond) - first(r, bond), axis)**2/2"
+[initial]
+r = { values = { a = [0, 1], b = { y = 3, x = 2 }, c = 4 }, unit = "m" }
+"""
+
+
 def lines(model: xd.Model, name: str) -> str:
     """What the text of a model says of an entry."""
     return "".join(line for line in model.to_toml().splitlines() if line.startswith(f"{name} = {{"))
@@ -191,3 +215,44 @@ def test_members_are_added_by_the_other_text(pair: tuple[xd.Model, xd.Model], tm
     assert str(own.model_toml.values) == pair[0].to_toml()
     with pytest.raises(xd.InputError, match="its model is another"):
         xd.sweep(pair[1].replace(parameters={"d[1]": 0.6}), {"k[2]": [1.0, 7.0]}, path=tmp_path, **asked)
+
+
+def test_one_element_is_fitted_and_budgeted() -> None:
+    """Assert that the model of a fit has the numbers, that of a budget all as given, and that the fit finds its number."""
+    run = xd.simulate(MODEL.replace(parameters={"k[2]": 7.5}), **SETTINGS)
+    found = xd.fit(MODEL, run[["time", "u"]], ["k[2]"], **SETTINGS)
+    assert found.estimate.item() == pytest.approx(7.5, rel=1e-7)
+    fitted = xd.Model.from_text(str(found.model_toml.values))
+    assert fitted.parameters["k·2"].quantity.value == found.estimate.item()
+    assert "[" in lines(fitted, "k").partition('"value"')[2]
+    assert [lines(fitted, name) for name in "cd"] == [lines(MODEL, name) for name in "cd"]
+    budget = xd.error_budget(MODEL, "u[2]", at="0.1 s", **SETTINGS)
+    assert str(budget.model_toml.values) == MODEL.to_toml()
+
+
+def test_values_by_label_in_two_dimensions() -> None:
+    """Assert tables in a table, lists and one number in it, in the order of the labels."""
+    model = xd.Model.from_text(LINKS.replace("k*norm", "newton/metre*norm"))
+    assert [model.parameters[f"m·{at}·{axis}"].quantity.value for at in "abc" for axis in "xy"] == [1, 2, 3, 3, 5, 6]
+    assert [model.initial[f"r·{at}·{axis}"].value for at in "abc" for axis in "xy"] == [0, 1, 2, 3, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "",
+            "",
+            r"name 'k' is not declared; table 'bonds.csv' of relation 'bond' has the columns first, second, k: write",
+        ),
+        ("{ x = ", "{ z = ", "parameter 'm': values has 'z', no element of 'axis'"),
+        (', y = "2 kg"', "", "parameter 'm': values lacks y; give one for each element of 'axis'"),
+        ("[5, 6]", "[5, 6, 7]", "parameter 'm': value has 3 along 'axis', needs 2 elements"),
+        (", c = 4", "", "initial value 'r': values lacks c; give one for each element of 'site'"),
+        ('b = "3 kg"', 'b = "3 s"', "parameter 'm': has '3 s' beside values in 'kg'"),
+    ],
+)
+def test_wrong_tables_are_told(old: str, new: str, said: str) -> None:
+    """Assert that each names the label or the column, and what is needed."""
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model.from_text(LINKS.replace(old, new) if old else LINKS)

@@ -48,7 +48,8 @@ CLOSING = (
     "An expression may not have a dimension that its place lacks; one that it lacks itself is the same for all elements.",
     "In [mass], matrix = [[…], …] has an entry for every two coordinates; it couples elements whose shared dimensions agree.",
     "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
-    "Values are a list (of lists), values = { label = … }, a table, or an expression of index(…), and at the start of parameters.",
+    "Values are a list (of lists), values = { label = … } (of two dimensions { label = { label = … } }), a table, or an",
+    "expression of index(…), beside a unit where it is a pure number; at the start an expression of parameters, too.",
     (
         "The table of a relation has the columns first and second; each other column that forces use is declared as a parameter along"
         ' the relation: k = { dims = ["spring"], table = "springs.csv", column = "k" }.'

@@ -89,6 +89,21 @@ def _check_targets(reset: Iterable[str], shapes: Shapes) -> None:
         others[key] = target
 
 
+def check_link_tables(statement: Statement, ledger: Ledger) -> None:
+    """Note names that expressions read, that nothing declares, and that are columns of a table of links."""
+    if not any(links.csv for links in statement.relations.values()):
+        return
+    own = {"t", "pi", *statement.coordinates, *map(velocity, statement.coordinates), *statement.unit_constants}
+    own |= {*statement.parameters, *statement.arrays, *statement.definitions, *statement.drives, *statement.states}
+    missing = statement.names_read - own
+    for name, links in statement.relations.items() if missing else ():
+        for column in [column for column in links.columns if column in missing]:
+            ledger.note(
+                f"name '{column}' is not declared; table '{links.table}' of relation '{name}' has the columns"
+                f' {", ".join(links.columns)}: write [parameters] {column} = {{ dims = ["{name}"], table = "{links.table}" }}'
+            )
+
+
 def _needed(
     statement: Statement, own: Mapping[str, tuple[str, ...]]
 ) -> Iterator[tuple[str, Node | None, Iterable[str]]]:

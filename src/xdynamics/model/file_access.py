@@ -59,6 +59,11 @@ class FileAccess:
             return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else decoded(content)
         except InputError as error:
             why = str(error)
+        except FileNotFoundError:
+            folder = str(self.folder.absolute())
+            raise InputError(
+                f"table {shown(name)!r} is not in {shown(folder)!r}; put it there, or write its name as seen from there"
+            ) from None
         except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
             why = (
                 error.strerror

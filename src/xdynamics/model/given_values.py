@@ -113,7 +113,9 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
         return _by_expression(entry, dims, shape, at_start=declared is not None)
     check_room(dims, shapes)
     if "values" in entry:
-        numbers, unit = _by_label(entry, dims, shapes)
+        if not (dims and isinstance(entry["values"], Mapping)):
+            raise InputError('values is a table by label, of a quantity with dimensions: { Sun = "1 kg" }')
+        numbers, unit = _by_label(entry["values"], _unit(entry), dims, shapes)
     elif "table" in entry or "csv" in entry:
         numbers, unit = _from_table(entry, name, dims, source)
     else:
@@ -212,18 +214,23 @@ def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, .
     return tuple(numbers), parse_unit("1") if unit is None else unit
 
 
-def _by_label(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shapes) -> tuple[tuple[float, ...], Unit]:
-    given = entry["values"]
-    if len(dims) != 1 or not isinstance(given, Mapping):
-        raise InputError('values is a table by label, of a quantity with one dimension: { Sun = "1 kg" }')
+def _by_label(given: Any, unit: Unit | None, dims: tuple[str, ...], shapes: Shapes) -> tuple[tuple[float, ...], Unit]:
+    """Read a table by label, in which what stands for a label has the further dimensions: a table, a list, or one number."""
+    if not dims or not isinstance(given, Mapping):
+        numbers, unit = _listed(given, unit, shapes.shape(dims), dims)
+        return numbers if isinstance(given, list | tuple) else numbers * prod(shapes.shape(dims)), unit
     extent = shapes.extent(dims[0])
     labels = [extent.label(i) for i in range(extent.size)]
     for label in given:
         if label not in labels:
             raise InputError(f"values has '{label}', no element of '{extent.name}'{near(str(label), tuple(labels))}")
     if missing := [label for label in labels if label not in given]:
-        raise InputError(f"values lacks {', '.join(missing[:10])}; give one for each element of '{extent.name}'")
-    return _in_one_unit([given[label] for label in labels], _unit(entry))
+        raise InputError(f"values lacks {few(missing)}; give one for each element of '{extent.name}'")
+    flat: list[float] = []
+    for label in labels:
+        numbers, unit = _by_label(given[label], unit, dims[1:], shapes)
+        flat += numbers
+    return tuple(flat), unit or parse_unit("1")
 
 
 def _from_table(

@@ -83,7 +83,7 @@ DIMS = Key(
     "none",
 )
 TABLED = (
-    Key("values", raw("table of quantities by label"), "of a quantity with one dimension", "value"),
+    Key("values", raw("table of quantities by label"), "of a quantity with dimensions, a table in it for each further one", "value"),
     Key("table", raw("name of a CSV file"), "a row for each element, in order or with a column of labels that is named as the dimension", "value"),
     Key("column", raw("name of a column"), "of the table", "named as the entry"),
     Key("columns", raw("list of names"), "of the table: one for each element along a second dimension", "column"),

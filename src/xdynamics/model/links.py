@@ -88,6 +88,11 @@ class Links:
     csv: str = ""
     description: str = ""
 
+    @property
+    def columns(self) -> list[str]:
+        """The names of the columns of its table; none without one."""
+        return [cell.split("[")[0].strip() for cell in Sheet.of(self.table, self.csv).header] if self.csv else []
+
     def relation(self, name: str, extents: Mapping[str, Extent]) -> Relation:
         """Return the links.
 

@@ -16,7 +16,7 @@ from xdynamics.model.body_consistency import check_bodies_made
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.element_shapes import check_shapes, declared_shapes, dimensions_of
+from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
 from xdynamics.model.elements import Elements
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
@@ -327,6 +327,7 @@ class Model(ModelTrees):
             self._hold(statement, check(statement), Shapes(), None)
             return
         ledger = Ledger(f"model '{whole.name}'", ModelError)
+        check_link_tables(whole, ledger)
         shapes = declared_shapes(whole, ledger)
         ledger.raise_faults()
         units = check_written(whole)

@@ -117,10 +117,14 @@ class Statement:
         named = self.unit_constants[len(CONSTANTS) :]
         if not named:
             return ()
+        return tuple(name for name in named if name in self.names_read)
+
+    @cached_property
+    def names_read(self) -> frozenset[str]:
+        """Every name that an expression or a function reads."""
         sections = {part.name: getattr(self, part.name) for part in fields(self)} | {"mass": self.mass_entries}
         read = {name for tree in trees_in(sections) for name in free_names(tree)}
-        read |= {name for function in self.functions for name in function.arguments}
-        return tuple(name for name in named if name in read)
+        return frozenset(read.union(*(function.arguments for function in self.functions)))
 
     @cached_property
     def delayed(self) -> tuple[Call, ...]:
