@@ -11,7 +11,7 @@ import xarray as xr
 
 from xdynamics.documenting.remarks import at_rest, halves, kinks_of_tables, pace
 from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
 from xdynamics.record.flag_words import time_unit, words_of

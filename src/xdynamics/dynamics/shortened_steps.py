@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.dynamics.accepted_times import AcceptedTimes, located
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.elementary import kept_set
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
@@ -336,17 +336,6 @@ def step_columns(
         return wanted + [(name, rows) for name in (*map(schema.rest, used), schema.REST_TIME.name)]
     # iterations that continue from those of the step before do not reproduce its end to the bit
     return wanted + [(name, following) for name in used] if settings.method.stepper.has_memory else wanted
-
-
-def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
-    """Return the model of a record, cached."""
-    return _model_of(str(run.variables["model_toml"].values), tuple((functions or {}).items()))
-
-
-@lru_cache(maxsize=16)
-def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]) -> Model:
-    """Read a model from its text, cached."""
-    return Model.from_text(text, functions=dict(functions))
 
 
 _KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_digest", "force_digest", "content_digest")

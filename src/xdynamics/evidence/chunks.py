@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.remembered_results import most_megabytes
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.model import Model

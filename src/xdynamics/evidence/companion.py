@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled
+from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit

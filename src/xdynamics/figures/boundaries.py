@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name

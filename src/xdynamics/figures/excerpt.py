@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.stages import computed
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes, spread

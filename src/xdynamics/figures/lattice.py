@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.figures.marks import long_unit, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Extent, Shapes

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate, evaluate_many

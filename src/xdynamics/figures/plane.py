@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.figures.body_names import MOST_BODIES
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.model import Model

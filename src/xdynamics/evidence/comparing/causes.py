@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.faults import InputError, escaped
 from xdynamics.model.text_limits import parsed
 from xdynamics.record import is_of_model

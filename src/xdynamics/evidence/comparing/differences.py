@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.causes import cause_of, is_restated, models_apart

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.comparing.bits import described_table
 from xdynamics.evidence.comparing.causes import models_apart
 from xdynamics.evidence.comparing.differences import (

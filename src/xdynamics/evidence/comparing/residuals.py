@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.scaling import scale_of, scaled

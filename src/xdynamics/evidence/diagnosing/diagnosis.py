@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, Tighter, check_whole, tighter_of
 from xdynamics.evidence.diagnosing import chaos

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.shortened_steps import model_of, sampled
+from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, check_whole
 from xdynamics.evidence.diagnosing.conservation import ROLE
