@@ -186,6 +186,35 @@ def test_a_pyramid_falls_as_one_that_is_written_out() -> None:
         assert np.abs(run[name].values[-1, :3] - few[name].values[-1]).max() < 1e-10, name
 
 
+def test_wheels_in_grooves_share_forces_of_least_norm() -> None:
+    """Assert of thirty wheels in grooves of 45 degrees, where four forces hold three motions: N cos + T sin = m g/2, 3 T = N.
+
+    Scaled by what each answers to itself, 1/m and 3/m, forces of least norm make N**2 + 3*T**2 least.
+    """
+    mass, half = np.geomspace(0.1, 10.0, 30), sqrt(0.5)
+    at_rest, rubs = np.zeros(30), {"friction": "0.4"} | RUBS
+    model = xd.Model(
+        name="grooves",
+        dimensions={"disc": 30},
+        coordinates={name: {"unit": "m", "dims": ["disc"]} for name in "xy"}
+        | {"theta": {"unit": "rad", "dims": ["disc"]}},
+        parameters={"m": each("kg", mass), "R": "0.5 m", "g": f"{G} m s-2", "c": repr(half)},
+        mass={"x": "m", "y": "m", "theta": "m*R**2/2/radian**2"},
+        forces={"weight": {"y": "-m*g"}},
+        contacts={
+            "left": {"gap": "c*(x + y)", "slip": "c*(v_x - v_y) + R*v_theta/radian"} | rubs,
+            "right": {"gap": "c*(y - x)", "slip": "c*(v_x + v_y) + R*v_theta/radian"} | rubs,
+        },
+        initial={"x": given("m", at_rest), "y": given("m", at_rest), "theta": given("rad", at_rest)},
+    )
+    run = xd.simulate(model, until="15 ms", log="full", **STEPS)
+    presses, rubbing = mass * G * 0.75 * half, mass * G * 0.25 * half
+    for name, way in (("left", -1.0), ("right", 1.0)):
+        assert np.abs(run[f"contact_force_{name}"].values[-1] / presses - 1.0).max() < 1e-12
+        assert np.abs(way * run[f"friction_force_{name}"].values[-1] / rubbing - 1.0).max() < 1e-12
+    assert max(np.abs(run[name].values).max() for name in ("x", "y", "theta")) < 1e-15
+
+
 @pytest.mark.dear
 def test_blocks_on_a_belt_stick_and_slip() -> None:
     """Assert every time at which blocks that springs hold back slip and stick again, with static above kinetic friction."""

@@ -2,11 +2,15 @@
 
 Iterations need about as many products with the matrix as there are forces, and generalised residuals as many directions,
 each made to differ from all before; up to some hundred forces elimination is several times as fast (Golub, Van Loan,
-Matrix Computations, 4th ed., 2013, section 3.4). Where links hold more than needs holding a pivot vanishes, and there is
-no solution of that kind: iterations then find that of least norm.
+Matrix Computations, 4th ed., 2013, section 3.4). Where links hold more than needs holding a pivot vanishes. The largest
+of all entries is then the pivot, until what is left is zero: what a solution may have added to it, the null space, is taken
+from it, which leaves that of least norm (section 5.5). Whether it is one of all equations, those that depend on others too,
+the residual tells.
 """
 
 from __future__ import annotations
+
+from math import sqrt
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.closed_links import RATIO, SCALE
@@ -14,6 +18,9 @@ from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
 
 VANISHING = 1e-9  # of the largest entry: a pivot of links that hold more than needs holding
+DEPENDENT = 1e-12  # of that entry: all that is left of equations that depend on others
+# columns of `problem` behind n unknowns: the order of equations, that of unknowns, the rank, and the null space
+EQUATIONS, UNKNOWNS, RANK, NULL = range(4)
 
 
 @shared
@@ -22,13 +29,24 @@ def eliminate(run: Run, first: int, rows: int, most: int, drags: bool) -> int:
 
     The rows are in `basis`, in the order of unknowns; in `problem` the factors, with the order of equations behind them.
     """
-    n, largest = 0, 0.0
+    n = 0
     for row in range(first, first + rows):
         if run.vectors[SCALE, row] > 0.0:
             if n >= most or n >= run.basis.shape[0]:
                 return 0
             run.basis[n] = row
             n += 1
+    largest = pose_equations(run, first, rows, n, drags)
+    if factor(run, n, VANISHING * largest):
+        return n
+    largest = pose_equations(run, first, rows, n, drags)
+    return n if factor_dependent(run, n, DEPENDENT * largest) else 0
+
+
+@shared
+def pose_equations(run: Run, first: int, rows: int, n: int, drags: bool) -> float:
+    """Write down the matrix of n equations, in their own order; return its largest entry."""
+    largest = 0.0
     clear(run, first, rows)
     for j in range(n):
         row = run.basis[j]
@@ -40,8 +58,8 @@ def eliminate(run: Run, first: int, rows: int, most: int, drags: bool) -> int:
             largest = max(largest, abs(run.problem[i, j]))
         clear(run, row, 1)
     for i in range(n):
-        run.problem[i, n] = i
-    return n if factor(run, n, VANISHING * largest) else 0
+        run.problem[i, n + EQUATIONS], run.problem[i, n + UNKNOWNS], run.problem[i, n + RANK] = i, i, n
+    return largest
 
 
 @shared
@@ -53,29 +71,114 @@ def factor(run: Run, n: int, least: float) -> bool:
             best = i if abs(run.problem[i, k]) > abs(run.problem[best, k]) else best
         if not abs(run.problem[best, k]) > least:
             return False
-        for j in range(n + 1 if best != k else 0):
-            run.problem[k, j], run.problem[best, j] = run.problem[best, j], run.problem[k, j]
-        for i in range(k + 1, n):
-            if run.problem[i, k] != 0.0:
-                share = run.problem[i, k] / run.problem[k, k]
-                run.problem[i, k] = share
-                for j in range(k + 1, n):
-                    run.problem[i, j] -= share * run.problem[k, j]
+        exchange_rows(run, n, k, best)
+        reduce_rows(run, n, k)
     return True
 
 
 @shared
-def add_solution(run: Run, n: int, residual: int, target: int) -> None:
-    """Add to a vector what removes a residual, by the factors of n equations."""
+def exchange_rows(run: Run, n: int, k: int, other: int) -> None:
+    """Exchange two equations."""
+    for j in range(n + 1 if other != k else 0):
+        run.problem[k, j], run.problem[other, j] = run.problem[other, j], run.problem[k, j]
+
+
+@shared
+def reduce_rows(run: Run, n: int, k: int) -> None:
+    """Take an unknown out of all later equations."""
+    for i in range(k + 1, n):
+        if run.problem[i, k] != 0.0:
+            share = run.problem[i, k] / run.problem[k, k]
+            run.problem[i, k] = share
+            for j in range(k + 1, n):
+                run.problem[i, j] -= share * run.problem[k, j]
+
+
+@shared
+def factor_dependent(run: Run, n: int, least: float) -> bool:
+    """Factor the matrix until nothing above the least is left, and find its null space; whether most equations are independent."""
+    rank = n
+    for k in range(n):
+        row, column = k, k
+        for i in range(k, n):
+            for j in range(k, n):
+                if abs(run.problem[i, j]) > abs(run.problem[row, column]):
+                    row, column = i, j
+        if not abs(run.problem[row, column]) > least:
+            rank = k
+            break
+        exchange_rows(run, n, k, row)
+        exchange_columns(run, n, k, column)
+        reduce_rows(run, n, k)
+    if not 2 * rank > n:
+        return False
     for i in range(n):
-        total = run.vectors[residual, run.basis[int(run.problem[i, n])]]
+        run.problem[i, n + RANK] = rank
+    for j in range(n - rank):
+        note_null_vector(run, n, rank, j)
+    return True
+
+
+@shared
+def exchange_columns(run: Run, n: int, k: int, other: int) -> None:
+    """Exchange two unknowns."""
+    for i in range(n if other != k else 0):
+        run.problem[i, k], run.problem[i, other] = run.problem[i, other], run.problem[i, k]
+    order = n + UNKNOWNS
+    run.problem[k, order], run.problem[other, order] = run.problem[other, order], run.problem[k, order]
+
+
+@shared
+def note_null_vector(run: Run, n: int, rank: int, j: int) -> None:
+    """Note, in the unknowns' own order, one vector of what a solution may have added to it, orthogonal to those before."""
+    target, order = n + NULL + j, n + UNKNOWNS
+    for i in range(n):
+        run.problem[i, target] = 0.0
+    for i in range(rank - 1, -1, -1):
+        total = -run.problem[i, rank + j]
+        for k in range(i + 1, rank):
+            total -= run.problem[i, k] * run.solution[k]
+        run.solution[i] = total / run.problem[i, i]
+        run.problem[int(run.problem[i, order]), target] = run.solution[i]
+    run.problem[int(run.problem[rank + j, order]), target] = 1.0
+    for k in range(n + NULL, target):
+        along = 0.0
+        for i in range(n):
+            along += run.problem[i, k] * run.problem[i, target]
+        for i in range(n):
+            run.problem[i, target] -= along * run.problem[i, k]
+    size = 0.0
+    for i in range(n):
+        size += run.problem[i, target] * run.problem[i, target]
+    for i in range(n):
+        run.problem[i, target] /= sqrt(size)
+
+
+@shared
+def is_dependent(run: Run, n: int) -> bool:
+    """Whether some of the equations that were eliminated depend on others."""
+    return bool(n > 0 and run.problem[0, n + RANK] < n)
+
+
+@shared
+def add_solution(run: Run, n: int, residual: int, target: int) -> None:
+    """Add to a vector what removes a residual, by the factors of n equations, and leave it the one of least norm."""
+    rank, order = int(run.problem[0, n + RANK]), n + UNKNOWNS
+    for i in range(rank):
+        total = run.vectors[residual, run.basis[int(run.problem[i, n + EQUATIONS])]]
         for j in range(i):
             total -= run.problem[i, j] * run.solution[j]
         run.solution[i] = total
-    for i in range(n - 1, -1, -1):
+    for i in range(rank - 1, -1, -1):
         total = run.solution[i]
-        for j in range(i + 1, n):
+        for j in range(i + 1, rank):
             total -= run.problem[i, j] * run.solution[j]
         run.solution[i] = total / run.problem[i, i]
-    for i in range(n):
-        run.vectors[target, run.basis[i]] += run.solution[i]
+    for i in range(rank):
+        run.vectors[target, run.basis[int(run.problem[i, order])]] += run.solution[i]
+    for k in range(n + NULL, n + NULL + n - rank):
+        along = 0.0
+        for i in range(n):
+            along += run.problem[i, k] * run.vectors[target, run.basis[i]]
+        for i in range(n):
+            run.vectors[target, run.basis[i]] -= along * run.problem[i, k]

@@ -16,7 +16,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.closed_links import IMAGE, LEAST, MOST, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
-from xdynamics.march.assembly.direct_solution import add_solution, eliminate
+from xdynamics.march.assembly.direct_solution import add_solution, eliminate, is_dependent
 from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
 
@@ -62,12 +62,24 @@ def solve_equations(run: Run, first: int, count: int) -> float:
     """Solve W x = b; return the residual over the size of the terms."""
     for a in range(first, first + count):
         run.vectors[X, a] = 0.0
-    given, best = largest(run, RIGHT, first, count), inf
+    given = largest(run, RIGHT, first, count)
     if given == 0.0:
         for a in range(first, first + count):
             run.vectors[RESIDUE, a] = 0.0
         return 0.0
     n = eliminate(run, first, count, MOST_AT_ONCE, False) if run.tallies[ROWS] == 2 else 0
+    left = refine(run, n, given, first, count)
+    if is_dependent(run, n) and not left <= 8.0 * ENOUGH:
+        for a in range(first, first + count):
+            run.vectors[X, a] = 0.0
+        left = refine(run, 0, given, first, count)
+    return left
+
+
+@shared
+def refine(run: Run, n: int, given: float, first: int, count: int) -> float:
+    """Solve by factors of n equations, or else by iterations; return the residual over the size of the terms."""
+    best = inf
     for _ in range(MOST_RESTARTS):
         multiply(run, X, RESIDUE, first, count)
         for a in range(first, first + count):

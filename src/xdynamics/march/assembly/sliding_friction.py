@@ -21,7 +21,7 @@ from xdynamics.march.assembly.closed_links import (
     TRIED_WAY,
     X,
 )
-from xdynamics.march.assembly.direct_solution import add_solution, eliminate
+from xdynamics.march.assembly.direct_solution import add_solution, eliminate, is_dependent
 from xdynamics.march.assembly.normal_forces import ENOUGH, MOST_RESTARTS, largest
 from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
@@ -30,11 +30,25 @@ from xdynamics.march.run import Run
 @shared
 def solve_at_once(run: Run, first: int, rows: int) -> float:
     """Find the forces of all that hold, from zero on; return the residual over the size of the terms."""
-    share, best, given = inf, inf, 0.0
+    given = 0.0
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
         given = max(given, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
     n = eliminate(run, first, rows, run.basis.shape[0], True)
+    left = refine_all(run, n, given, first, rows)
+    if is_dependent(run, n) and not left <= 8.0 * ENOUGH:
+        for row in range(first, first + rows):
+            run.vectors[LOAD, row] = 0.0
+        left = refine_all(run, 0, given, first, rows)
+    for row in range(first, first + rows):
+        run.vectors[X, row], run.vectors[RESIDUE, row] = run.vectors[LOAD, row], run.vectors[AMISS, row]
+    return left
+
+
+@shared
+def refine_all(run: Run, n: int, given: float, first: int, rows: int) -> float:
+    """Solve by factors of n equations, or else along many directions; return the residual over the size of the terms."""
+    share, best = inf, inf
     for _ in range(MOST_RESTARTS):
         apply_all(run, LOAD, AMISS, 1.0, first, rows)
         for row in range(first, first + rows):
@@ -49,8 +63,6 @@ def solve_at_once(run: Run, first: int, rows: int) -> float:
             add_solution(run, n, AMISS, LOAD)
         else:
             follow_paths(run, ENOUGH * size / 4.0, first, rows)
-    for row in range(first, first + rows):
-        run.vectors[X, row], run.vectors[RESIDUE, row] = run.vectors[LOAD, row], run.vectors[AMISS, row]
     return share
 
 
