@@ -185,3 +185,16 @@ def test_terms_that_are_not_the_record_are_not_drawn(name: str) -> None:
     run[name].values[:] *= 2.0
     axes = panel(run, only="energy")
     assert [*lines(axes)] == ["kinetic"]
+
+
+def test_constants_do_not_flatten_energies() -> None:
+    """Assert kinetic, potential and total energy less their starts, in words, where a constant is far above all changes."""
+    text = BALL.replace("m*g*y", "m*g*y + 1e3*joule").replace(
+        "[run]", '[forces.drag]\ny = "-v_y*4*newton*second/metre"\n[run]'
+    )
+    run = xd.simulate(xd.Model.from_text(text))
+    axes = xd.plot(run, only="energy").axes[0]
+    assert "energy, each less its start" in " ".join(axes.get_title(loc="left").split())
+    found = lines(axes)
+    assert [float(values[0]) for _, values in found.values()] == [0.0, 0.0, 0.0]
+    assert found["total"][1][-1] == float(run["total_energy"][-1] - run["total_energy"][0])

@@ -323,3 +323,23 @@ def test_modes_of_many_elements_have_whole_numbers_below() -> None:
     """Assert no tick between two elements."""
     axes = xd.plot(xd.modes(xd.Model.from_text(CHAIN.replace("= 8", "= 20")))).axes[0]
     assert {float(tick) % 1.0 for tick in axes.get_xticks()} == {0.0}
+
+
+def test_one_cycle_is_drawn_as_what_it_is() -> None:
+    """Assert the period itself, and not its difference from itself, where a run has one cycle; with its unit typeset."""
+    model = xd.Model.from_text(CHAIN.replace("= 8", "= 1"))
+    found = xd.diagnose(xd.simulate(model, method="rk4", step="0.01 s", until="4.5 s"))
+    assert found.sizes["cycle"] == 1
+    period = next(axes for axes in xd.plot(found).axes if axes.get_title(loc="left").startswith("period"))
+    assert period.lines[0].get_ydata()[0] == float(found["period"][0])
+    assert "less its start" not in period.get_title(loc="left")
+
+
+def test_units_in_titles_are_typeset() -> None:
+    """Assert powers as such in the titles of areas of cycles."""
+    found = xd.diagnose(
+        xd.simulate(xd.Model.from_text(CHAIN.replace("= 8", "= 1")), method="rk4", step="0.01 s", until="9 s")
+    )
+    titles = [axes.get_title(loc="left") for axes in xd.plot(found).axes]
+    (area,) = (title for title in titles if title.startswith("phase_space_area"))
+    assert area.endswith("m² s⁻¹")

@@ -13,7 +13,7 @@ from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import cycles_counted, cycles_said, diagnosed
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
+from xdynamics.figures.marks import COLOURS, in_unit, label_time, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import CYCLE, FINITE_TIME_GROWTH, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 from xdynamics.units import unit_suffix
@@ -91,19 +91,26 @@ def _growth(diagnosis: xr.Dataset) -> str:
     return f"{float(growth):.3g}{unit_suffix(str(growth.attrs['units']))}"
 
 
+def _typeset(said: str) -> str:
+    """Typeset the unit behind a number."""
+    number, _, unit = said.partition(" ")
+    return f"{number} {typeset(unit)}".rstrip()
+
+
 def _along_cycles(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
     variable, units = diagnosis[name], diagnosis[name].attrs["units"]
     first = float(variable[0])
-    steady = float(np.nanmax(np.abs(variable.values - first))) < STEADY * abs(first)
+    steady = variable.size > 1 and float(np.nanmax(np.abs(variable.values - first))) < STEADY * abs(first)
     values, shown = (
-        (variable.values - first, f"{name} less its start, {diagnosed(diagnosis, name, 0)}")
+        (variable.values - first, f"{name} less its start, {_typeset(diagnosed(diagnosis, name, 0))}")
         if steady
         else (variable.values, name)
     )
     axes.plot(diagnosis["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
     label_time(axes, diagnosis["cycle_time"], "time at the end of the cycle")
     axes.set(ylabel=words(f"{name} ({units})"))
-    axes.set_title(words(shown), loc="left", fontsize=10, pad=14)
+    said = shown if steady or variable.size > 1 else f"{name}, {_typeset(diagnosed(diagnosis, name, 0))}"
+    axes.set_title(words(said), loc="left", fontsize=10, pad=14)
 
 
 def _residual(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, energy_changes, has_chords
-from xdynamics.figures.line_panels import DASHES, FEW_ROWS, over_the_run
+from xdynamics.figures.line_panels import DASHES, FEW_ROWS, STEADY, over_the_run
 from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.schema import ENERGIES, STEPS
 from xdynamics.units import unit_suffix
@@ -51,12 +51,14 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     kept = is_at_rounding(run)
     if (is_exchanged(run) or kept) and not others:
         names = [name for name in ENERGIES if name in run]
-        for colour, name in zip(COLOURS, names, strict=False):
-            times, (values,) = drawn(run, name)
-            axes.plot(times, values, color=colour, label=name.split("_")[0], **_style(run, *names))
+        lines = {name: drawn(run, name) for name in names}
+        sizes = [(float(np.abs(values).max()), float(np.ptp(values))) for _, (values,) in lines.values()]
+        flat = STEADY * max(size for size, _ in sizes) > max(change for _, change in sizes) > 0.0
+        for colour, (name, (times, (values,))) in zip(COLOURS, lines.items(), strict=False):
+            axes.plot(times, values - flat * values[0], color=colour, label=name.split("_")[0], **_style(run, *names))
         axes.set(ylabel=words(f"energy ({units})"))
         about = f", total constant to {_departure(run):.0e} (relative)" if kept else _changed(run)
-        axes.set_title(f"energy{about}{_at_rows(run, *names)}", loc="left", fontsize=10)
+        axes.set_title(f"energy{', each less its start' * flat}{about}{_at_rows(run, *names)}", loc="left", fontsize=10)
         axes.legend(fontsize=8, frameon=False)
         shade_regimes(run, axes)
         return

@@ -11,7 +11,7 @@ from xdynamics.figures.marks import superscript
 
 POWER = re.compile(r"10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+ ?")
 OFFSET = re.compile("1e([-\u2212]?[0-9]+)")  # as matplotlib writes a power alone
-UNIT = re.compile(r" ?\(([^()]*)\)$")  # behind a label
+UNIT = re.compile(r" \(([^()]*)\)$")  # behind a label, and not an argument: E(0)
 PLAIN = (-4, 5)  # powers from which to which numbers are written out: those of matplotlib
 
 
@@ -37,8 +37,8 @@ def with_power(label: str, power: int) -> str:
 
     Examples
     --------
-    >>> with_power("x (m)", -12), with_power("share", 7), with_power("", 7)
-    ('x (10⁻¹² m)', 'share (10⁷)', '10⁷')
+    >>> with_power("x (m)", -12), with_power("E - E(0)", 7), with_power("", 7)
+    ('x (10⁻¹² m)', 'E - E(0) (10⁷)', '10⁷')
     """
     ten = f"10{superscript(power)}"
     if match := UNIT.search(label):
