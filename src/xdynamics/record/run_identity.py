@@ -120,7 +120,7 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 def _text(value: Any) -> str:
     """Return a value as a text, numbers with all digits that are known of them."""
-    if isinstance(value, list):
+    if isinstance(value, list) and {*map(type, value)} != {float}:
         return f"[{', '.join(map(_text, value))}]"
     return decimal_text(value) if isinstance(value, float) else repr(value)
 

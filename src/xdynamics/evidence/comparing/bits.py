@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from xdynamics.schema import (
 from xdynamics.shapes.naming import element
 from xdynamics.units import parse_unit
 
-SLAB = 1_000_000
+SLAB = 1_000_000  # numbers, or one row that has more
 STATES = ("coordinate", "velocity", "state")  # roles
 # the text of the law, which another version may write differently, the set of elementary functions, the words of
 # records and the sentence of the outcome, in which later versions report more doubts about a run
@@ -205,13 +206,13 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     ):
         return 0
     if not _has_rows(first, name):
-        same = variable.shape == counterpart.shape and _bits(variable.values) == _bits(counterpart.values)
-        return None if same else 0
+        return None if _same_bits(variable.values, counterpart.values) else 0
     shared = min(variable.shape[0], counterpart.shape[0])
-    for start in range(0, shared, SLAB):
-        slab = slice(start, min(start + SLAB, shared))
+    height = max(1, SLAB // max(1, prod(variable.shape[1:])))
+    for start in range(0, shared, height):
+        slab = slice(start, min(start + height, shared))
         left, right = np.asarray(variable[slab].values), np.asarray(counterpart[slab].values)
-        if _bits(left) != _bits(right):
+        if not _same_bits(left, right):
             return start + int(np.flatnonzero(_differs(left, right).reshape(len(left), -1).any(axis=1))[0])
     if (
         not worded
@@ -309,8 +310,10 @@ def _value(run: xr.Dataset, name: str, row: int, place: dict[str, int]) -> str:
     return _short(variable[row].values.tolist())
 
 
-def _bits(values: NDArray[Any]) -> bytes:
-    return repr(values.tolist()).encode() if values.dtype.kind in "UOT" else np.ascontiguousarray(values).tobytes()
+def _same_bits(left: NDArray[Any], right: NDArray[Any]) -> bool:
+    if left.dtype.kind in "UOT":
+        return repr(left.tolist()) == repr(right.tolist())
+    return left.shape == right.shape and np.array_equal(_as_words(left), _as_words(right))
 
 
 def _differs(left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.bool_]:
