@@ -11,6 +11,8 @@ import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model import Function, given_values
+from xdynamics.model.csv_sheet import Sheet
+from xdynamics.model.links import Links
 from xdynamics.model.motion import constant_names, constant_values, constants
 from xdynamics.shapes import Extent, Relation, Shapes, at
 from xdynamics.shapes.extents import every_two
@@ -165,6 +167,24 @@ def test_elements_and_wholes_are_replaced() -> None:
         assert xd.Model.from_text(other.to_toml()) == other
 
 
+def test_a_table_of_links_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a model reads the text of its links once, and labels in another order give other links."""
+    read: list[str] = []
+    of = Sheet.of
+    monkeypatch.setattr(Sheet, "of", lambda name, text: read.append(name) or of(name, text))
+    text = CHAIN.replace("neighbours = 1", 'csv = "first,second\\n0,5\\n3,1\\n"')
+    assert text != CHAIN
+    relation = next(iter(xd.Model.from_text(text).shapes.relations.values()))
+    assert (relation.first.tolist(), relation.second.tolist()) == ([0, 3], [5, 1])
+    assert len(read) == 1
+    links = Links(of="body", csv="first,second\nSun,Moon\n")
+    ends = [
+        links.relation("pair", {"body": Extent("body", 3, labels)})
+        for labels in (("Sun", "Moon", "Mars"), ("Moon", "Mars", "Sun"))
+    ]
+    assert [(int(one.first[0]), int(one.second[0])) for one in ends] == [(0, 1), (2, 0)]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -197,6 +217,7 @@ def test_elements_and_wholes_are_replaced() -> None:
             'of = "body"\ncsv = "first,second\\nSun,Mars\\n"',
             "line 2: dimension 'body' has no element Mars",
         ),
+        ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun\\n"', "line 2: it has 1 cells, the header 2"),
         (
             'of = "body"',
             'of = "body"\ncsv = "first,second\\n"',

@@ -80,14 +80,14 @@ class Sheet:
         InputError
             If it is empty, mixes decimal commas and points, or a cell is too long.
         """
-        lines = [
+        lines = (
             (n, line)
             for n, line in enumerate(normal(text).split("\n"), 1)
             if line.strip() and not line.lstrip().startswith(COMMENTS)
-        ]
-        if not lines:
+        )
+        number, first = next(lines, (0, ""))
+        if not first:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
-        number, first = lines[0]
         if len(first) > LONGEST_HEADER:
             raise InputError(
                 f"table '{name}', line {number}: the header has {len(first)} characters, {LONGEST_HEADER} at most; shorten"
@@ -95,7 +95,7 @@ class Sheet:
             )
         separator = next((separator for separator in SEPARATORS if separator in first), ",")
         header = tuple(next(csv.reader([first], delimiter=separator)))
-        rows = tuple((n, _cells(name, n, line, separator)) for n, line in lines[1:])
+        rows = tuple((n, _cells(name, n, line, separator)) for n, line in lines)
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
     @cached_property

@@ -102,9 +102,9 @@ class Links:
             If a dimension is unknown, or the links are none, too many, twice, or of an element with itself.
         """
         dims = (self.of, self.of) if self.of else (self.source, self.target)
-        made = (name, self, *(extents[dim].size for dim in dims if dim in extents))
-        if not self.csv and made in _MADE:
-            return _MADE[made]
+        between = (name, *(extents[dim] for dim in dims if dim in extents))
+        if (self, *between) in _MADE:
+            return _MADE[self, *between]
         for dim in dims:
             if dim not in extents:
                 raise InputError(f"'{dim}' is no dimension; there are: {', '.join(extents) or 'none'}")
@@ -119,8 +119,7 @@ class Links:
             raise InputError(f"has no link, and needs one or more: {self._cause(source)}")
         of_every_two = bool(self.of) and not self.csv and not self.neighbours
         relation = Relation(name, source.name, target.name, first, second, of_every_two)
-        if not self.csv:
-            _MADE[made] = self._latest[made] = relation
+        _MADE[self, *between] = self._latest[between] = relation
         return relation
 
     @cached_property
@@ -170,31 +169,38 @@ class Links:
                 raise InputError(
                     f"table '{self.table}' has no column '{end}' with an end of each link; it is {sheet.layout}"
                 )
-        ends: list[list[int]] = [[], []]
-        known: dict[tuple[int, ...], int] = {}
-        for line, cells in sheet.lines:
-            try:
-                pair = tuple(
-                    extent.number(int(text) if text.isdigit() else text)
-                    for extent, text in zip(
-                        (source, target), (cells[bare.index(end)].strip() for end in ENDS), strict=True
-                    )
+        first, second = (
+            self._ends(sheet, bare.index(end), extent) for end, extent in zip(ENDS, (source, target), strict=True)
+        )
+        if source is target and (first == second).any():
+            k = int((first == second).argmax())
+            raise InputError(
+                f"table '{self.table}', line {sheet.lines[k][0]}: links '{source.label(first[k])}' with itself; leave it out"
+            )
+        low, high = (np.minimum(first, second), np.maximum(first, second)) if self.of else (first, second)
+        _, earliest, number = np.unique(low * target.size + high, return_index=True, return_inverse=True)
+        if len(earliest) < len(first):
+            k = int((earliest[number] < np.arange(len(first))).argmax())
+            line, other = (sheet.lines[row][0] for row in (k, earliest[number[k]]))
+            raise InputError(
+                f"table '{self.table}', line {line}: the link of line {other} is there again; leave it out"
+            )
+        return first, second
+
+    def _ends(self, sheet: Sheet, column: int, extent: Extent) -> NDArray[np.int64]:
+        """Read the elements at one end of each link."""
+        numbers = np.empty(len(sheet.lines), np.int64)
+        for k, (line, cells) in enumerate(sheet.lines):
+            if len(cells) <= column:
+                raise InputError(
+                    f"table '{self.table}', line {line}: it has {len(cells)} cells, the header {len(sheet.header)}"
                 )
+            text = cells[column].strip()
+            try:
+                numbers[k] = extent.number(int(text) if text.isdecimal() else text)
             except InputError as error:
                 raise InputError(f"table '{self.table}', line {line}: {error}") from None
-            if source is target and pair[0] == pair[1]:
-                raise InputError(
-                    f"table '{self.table}', line {line}: links '{source.label(pair[0])}' with itself; leave it out"
-                )
-            key = tuple(sorted(pair)) if self.of else pair
-            if key in known:
-                raise InputError(
-                    f"table '{self.table}', line {line}: the link of line {known[key]} is there again; leave it out"
-                )
-            known[key] = line
-            ends[0].append(pair[0])
-            ends[1].append(pair[1])
-        return np.array(ends[0], np.int64), np.array(ends[1], np.int64)
+        return numbers
 
 
 def related(extents: Mapping[str, Extent], relations: Mapping[str, Links], ledger: Ledger) -> Shapes:
