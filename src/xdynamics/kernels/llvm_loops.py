@@ -175,15 +175,13 @@ class LoopText(ABC):
             of, of_float = self._of(line.kind), OF_FLOAT[line.kind]
             pairs = zip(line.starts, totals, strict=True)
             totals = [value if isinstance(start, str) else of(of_float, value) for start, value in pairs]
-        begun, totals = self._begun_abreast(line, totals)
+        rest, totals = self._sums_abreast(line, totals)
         totals = (
-            self._bounded(line, totals)
-            if line.below or line.above
-            else self._passes(line, begun, line.count, 1, totals)
+            self._bounded(line, totals) if line.below or line.above else self._passes(line, rest, line.count, 1, totals)
         )
         self._values.update(zip(line.totals, totals, strict=True))
 
-    def _begun_abreast(self, line: Reduction, totals: list[Value]) -> tuple[int, list[Value]]:
+    def _sums_abreast(self, line: Reduction, totals: list[Value]) -> tuple[int, list[Value]]:
         """Print the sum of neighbouring numbers side by side, where no order changes it; return where the rest begins.
 
         One after the other, such sums were a seventh of the time of a step.
@@ -214,22 +212,22 @@ class LoopText(ABC):
             bounds = (0, of.value) if line.below else (of.value + 1, line.count)
             return self._passes(line, *bounds, 1, totals) if bounds[0] < bounds[1] else totals
         beyond = self._lines.line("p", f"add i64 {of.value}, {self._lines.lanes if of.step else 1}").text
-        made, masked = partial(self._made, line), partial(self._made, line, masked=True)
+        one_pass, masked = partial(self._one_pass, line), partial(self._one_pass, line, masked=True)
         if not of.step:
             return self._ascending(line, *(("0", of.value) if line.below else (beyond, str(line.count))), totals)
         if line.below:
-            return self._inner(masked, of.value, beyond, self._inner(made, "0", of.value, totals))
-        return self._inner(made, beyond, str(line.count), self._inner(masked, of.value, beyond, totals))
+            return self._inner(masked, of.value, beyond, self._inner(one_pass, "0", of.value, totals))
+        return self._inner(one_pass, beyond, str(line.count), self._inner(masked, of.value, beyond, totals))
 
     def _ascending(self, line: Reduction, first: str, last: str, totals: list[Value]) -> list[Value]:
         """Print passes between two numbers; terms that take long come side by side, and are joined one after the other."""
         if self._takes_long(line):
             number = self._lines.line("p", f"sub i64 {last}, {first}").text
             whole = self._lines.line("p", f"and i64 {number}, {-self._abreast}").text
-            begun = self._lines.line("p", f"add i64 {first}, {whole}").text
-            totals = self._inner(partial(self._made_abreast, line), first, begun, totals, self._abreast)
-            first = begun
-        return self._inner(partial(self._made, line), first, last, totals)
+            rest = self._lines.line("p", f"add i64 {first}, {whole}").text
+            totals = self._inner(partial(self._terms_abreast, line), first, rest, totals, self._abreast)
+            first = rest
+        return self._inner(partial(self._one_pass, line), first, last, totals)
 
     def _takes_long(self, line: Reduction) -> bool:
         """Whether terms of a single run may be computed side by side, and gain by that."""
@@ -241,33 +239,33 @@ class LoopText(ABC):
             and any(isinstance(inner, Compute) and inner.operation in LONG for inner in apart_from_totals(line)[0])
         )
 
-    def _made_abreast(self, line: Reduction, index: Index, totals: list[Value]) -> list[Value]:
+    def _terms_abreast(self, line: Reduction, index: Index, totals: list[Value]) -> list[Value]:
         """Print what terms of neighbours need side by side; return totals that they are joined to one after the other."""
         wide, kind = self._abreast, f"<{self._abreast} x double>"
         lines, joining = apart_from_totals(line)
         read = {*line.terms, *(name for inner in joining for name in inner.arguments)}
-        named = [inner.target for inner in lines if isinstance(inner, Load | Compute) and inner.target in read]
+        targets = [inner.target for inner in lines if isinstance(inner, Load | Compute) and inner.target in read]
         with self._side_by_side(wide), self._pass(replace(line, body=lines, totals=()), Index(index.value, 1), []):
-            made = {name: self._number(name).text for name in named}
+            terms = {name: self._number(name).text for name in targets}
         values, self._values = self._values, dict(self._values)
         for lane in range(wide):
             self._values.update(zip(line.totals, totals, strict=True))
-            for name, text in made.items():
+            for name, text in terms.items():
                 self._values[name] = self._lines.line("n", f"extractelement {kind} {text}, i64 {lane}")
             self._print(joining)
             totals = self._joined(line, totals)
         self._values = values
         return totals
 
-    def _inner(self, made: Pass, first: str, last: str, totals: list[Value], step: int = 1) -> list[Value]:
-        """Print passes between two numbers that are known when they are made; there may be none."""
+    def _inner(self, one_pass: Pass, first: str, last: str, totals: list[Value], step: int = 1) -> list[Value]:
+        """Print passes between two numbers that are known as the program runs; there may be none."""
         lines, label, before = self._lines, self._lines.label(), self._lines.block
         self._put(f"%{label}any = icmp ult i64 {first}, {last}")
         self._put(f"br i1 %{label}any, label %{label}, label %{label}end")
         lines.begin(label)
         index, head = f"%{label}i", len(lines.lines)
         carried = self._phis(label, totals, "t")
-        new = made(Index(index), carried)
+        new = one_pass(Index(index), carried)
         phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
         lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
         self._put(f"{index}n = add i64 {index}, {step}")
@@ -304,15 +302,15 @@ class LoopText(ABC):
 
     def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:
         """Print passes of a loop, written out if they are few; return the totals after them."""
-        if step == 1 and last - first <= self._most(line, begun=first > 0):
+        if step == 1 and last - first <= self._most(line, goes_on=first > 0):
             for k in range(first, last):
-                totals = self._made(line, Index(k), totals)
+                totals = self._one_pass(line, Index(k), totals)
             return totals
         lines, label, before = self._lines, self._lines.label(), self._lines.block
         self._begin(label)
         index, head = f"%{label}i", len(lines.lines)
         carried = self._phis(label, totals, "t")
-        new = self._made(line, Index(index, int(step > 1)), carried)
+        new = self._one_pass(line, Index(index, int(step > 1)), carried)
         phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
         lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
         self._put(f"{index}n = add i64 {index}, {step}")
@@ -321,14 +319,16 @@ class LoopText(ABC):
         lines.begin(f"{label}end")
         return new
 
-    def _most(self, line: Loop | Reduction, *, begun: bool) -> int:
+    def _most(self, line: Loop | Reduction, *, goes_on: bool) -> int:
         """Return up to how many passes are written out; of what passes side by side leave, one: texts of all sizes are alike."""
-        if begun:
+        if goes_on:
             return 1
         longest = any(isinstance(inner, Loop | Reduction) for inner in line.body)
         return min(UNROLLED, WRITTEN_OUT // max(1, size(line.body))) if longest else UNROLLED
 
-    def _made(self, line: Loop | Reduction, index: Index, totals: list[Value], *, masked: bool = False) -> list[Value]:
+    def _one_pass(
+        self, line: Loop | Reduction, index: Index, totals: list[Value], *, masked: bool = False
+    ) -> list[Value]:
         """Print one pass; return the totals after it."""
         with self._pass(line, index, totals):
             if isinstance(line, Loop):
