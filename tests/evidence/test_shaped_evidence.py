@@ -162,6 +162,20 @@ def test_shares_and_limits_of_elements(springs: xd.Model) -> None:
     assert float(found.limit_x.sel(body="b")[0]) == pytest.approx(np.cos(2.0), abs=1e-8)
 
 
+def test_shares_of_whole_quantities(springs: xd.Model) -> None:
+    """Assert that shares of all elements are those of each alone, that a stiffness acts on its own mass, and nan where none does."""
+    ranges = {"k[a]": ["1 N m-1", "2 N m-1"], "A": ["1 m", "2 m"]}
+    whole, alone = (xd.sobol_indices(springs, ranges, quantity, draws=16) for quantity in ("end_x", "end_x[a]"))
+    assert whole.first_order_interval.dims == ("parameter", "body", "bound")
+    np.testing.assert_array_equal(whole.total_order.sel(body="a"), alone.total_order)
+    np.testing.assert_allclose(whole.total_order_interval.sel(body="a"), alone.total_order_interval, rtol=1e-12, atol=0)
+    assert abs(float(whole.total_order.sel(body="b")[0])) < 1e-12
+    assert "A of end_x[b]: first order" in "\n".join(summary(whole))
+    asked = {"method": "rk4", "step": "0.1 s"}  # chosen steps would let one mass move the other
+    still = xd.sobol_indices(springs, {"k[a]": ranges["k[a]"]}, "end_x", draws=16, **asked).first_order
+    assert still.isnull().values.tolist() == [[False, True]]
+
+
 def test_surveys_keep_labels(springs: xd.Model) -> None:
     """Assert that what is made of a sweep is selected by label, as the sweep is, and survives an archive."""
     sweep = xd.sweep(springs, {"A": ["1 m", "2 m", "3 m"]}, keep=["end_x"])

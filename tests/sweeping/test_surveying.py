@@ -170,15 +170,6 @@ def test_wrong_questions_are_named(free: xr.Dataset, call: Any, message: str) ->
         call(free)
 
 
-def test_shares_are_of_one_element() -> None:
-    """Assert that the whole of a quantity with elements is refused, and that each of its elements is named."""
-    model = xd.Model.from_toml(MODELS / "toda_chain.toml")
-    with pytest.raises(
-        xd.InputError, match=r"'end_q' has 16 elements.*one of 'end_q\[0\]' to 'end_q\[15\]' in each call"
-    ):
-        xd.sobol_indices(model, {"m": (1.0, 2.0)}, "end_q", draws=2, until=0.1, step=0.1, method="velocity_verlet")
-
-
 @pytest.mark.dear
 def test_work_against_precision() -> None:
     """Assert errors against the closed form and against the finest of the highest order, beside what each run cost."""

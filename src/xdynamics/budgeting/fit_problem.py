@@ -16,7 +16,7 @@ from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
-from xdynamics.record import unfold
+from xdynamics.record.named_elements import column
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import Quantity, Unit, unit_suffix
@@ -142,11 +142,11 @@ class Asked:
             **({"occurrences": int(numbers.max())} if numbers.size else {"times": times}),
             **self.settings,
         )
-        marched = unfold(members.compute())
+        marched = members.compute()
         later = offsets[:, None] if numbers.size else 0.0
         rows = np.concatenate(
             [
-                np.take_along_axis(marched[name].values.reshape(len(values), -1), places[which], axis=1) + later
+                np.take_along_axis(column(marched, name).values.reshape(len(values), -1), places[which], axis=1) + later
                 for name in self.quantities
             ],
             axis=1,

@@ -17,7 +17,8 @@ from xdynamics.faults import InputError, Ledger, brief, written
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, check_model
 from xdynamics.record.element_attributes import elements_of, of_wholes
-from xdynamics.record.run_columns import columns_of
+from xdynamics.record.run_columns import named_columns
+from xdynamics.shapes.naming import parted
 from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.units import Unit, parse_unit, unit_suffix
 
@@ -137,11 +138,12 @@ def _record(
 ) -> Asked:
     """Read one record, and check it against its model."""
     march_settings = settings_for(model, **settings)
-    columns = {
-        column.variable.name: column.variable.units
-        for column in columns_of(march_settings.layout(model), march_settings)
-    }
-    units = {name: parse_unit(columns[name]) for name in comparable(model)}
+    columns, blocks = named_columns(march_settings.layout(model), march_settings), dict[str, Unit]()
+    for name in comparable(model):
+        whole = parted(name)[0]
+        if whole not in blocks:
+            blocks[whole] = parse_unit(columns[name].variable.units)
+    units = {name: blocks[parted(name)[0]] for name in comparable(model)}
     units |= {f"{EVENT_TIMES}{name}": model.time_unit for name in detectors(model)}
     table = measured(source, (*units, OCCURRENCES), gaps, model.time_unit, model.shapes, reading)
     table = replace(

@@ -23,7 +23,7 @@ from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.element_attributes import elements_of, of_wholes
-from xdynamics.record.named_elements import column, event_words
+from xdynamics.record.named_elements import column, element_array, event_words
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.shapes.naming import written
 from xdynamics.sweeping.sweep import sweep
@@ -285,7 +285,7 @@ class Measurand:
             settings = {"members_per_task": MEMBERS} | settings
         shared = self.settings | settings | {"precision": FLOAT64}  # members of a sweep are of single floats
         swept = sweep(self.model, axes, keep=[target.kept], **places, **shared)
-        numbers = unfold(swept)[target.kept]
+        numbers = element_array(swept, target.kept)
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
         numbers = numbers[..., 0] if target.at is not None else numbers
         return numbers if self.keep is None else self.keep.blocks(numbers)

@@ -310,12 +310,8 @@ class Inside:
     @cached_property
     def _factors(self) -> Floats:
         """Factors from internal numbers to those of the record, a row for each; one row where all are the same."""
-        blocks, scales = self.layout.used.blocks, self.settings.scales
-        units = [self.model.units[block.first] for block in blocks]
-        factors = [scales.of(unit.dimension) / float(unit.factor) for unit in units]
-        if len({*factors}) == 1:
-            return np.array([factors[:1]])
-        return np.repeat(factors, [block.size for block in blocks])[:, np.newaxis]
+        factors = record.factors(self.layout, self.settings.scales)[:, np.newaxis]
+        return factors[:1] if (factors == factors[0]).all() else factors
 
 
 def step_columns(

@@ -72,6 +72,22 @@ def find_column(dataset: xr.Dataset, name: str) -> xr.Variable | None:
     return taken
 
 
+def element_array(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return `column` as an array with its coordinates, lazy where the Dataset is.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    import xarray as xr
+
+    own = column(dataset, name)
+    return xr.DataArray(
+        own, {key: dataset.coords[key] for key in dataset.coords if {*dataset[key].dims} <= {*own.dims}}
+    )
+
+
 def column(dataset: xr.Dataset, name: str) -> xr.Variable:
     """Return a variable of a Dataset, or one element of a quantity; see `find_column`.
 

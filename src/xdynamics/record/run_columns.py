@@ -146,9 +146,13 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     return entries + [(variable, texts[variable.name]) for variable in schema.TEXTS]
 
 
-def factors(model: Model, scales: Scales) -> dict[str, float]:
+def factors(layout: Layout, scales: Scales) -> Array:
     """Return the factor from a march's numbers to the record's, for every coordinate, velocity and state."""
-    return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in model.units.items()}
+    blocks = layout.used.blocks
+    units = [layout.model.units[block.first] for block in blocks]
+    return np.repeat(
+        [scales.of(unit.dimension) / float(unit.factor) for unit in units], [block.size for block in blocks]
+    )
 
 
 def _steps(about: About) -> list[Column]:

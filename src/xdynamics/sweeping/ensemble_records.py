@@ -298,5 +298,4 @@ def of_one_step(model: Model, settings: Settings) -> Settings:
 
 def factors_of(model: Model, settings: Settings) -> Floats:
     """Return the factors from internal numbers of coordinates, velocities and states to those of the record."""
-    factors = record.factors(model, settings.scales)
-    return np.array([factors[name] for name in settings.layout(model).used])
+    return record.factors(settings.layout(model), settings.scales)

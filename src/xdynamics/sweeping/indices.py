@@ -16,9 +16,10 @@ from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Parameter
-from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
-from xdynamics.shapes.naming import parted, written
+from xdynamics.record.folding import model_dimensions
+from xdynamics.record.named_elements import element_array, find_column
+from xdynamics.shapes.naming import written
 from xdynamics.sweeping.axes import AxisColumn, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
@@ -54,7 +55,8 @@ def sobol_indices(
         Parameters or initial values, uniform between the two; or names alone, drawn from the distributions that the
         model declares for them.
     quantity : str
-        A word of `keep` that stands for one number: ``"end_y"``, ``"event_time_ground"``, ``"maximum_y"``.
+        A word of `keep` that stands for one number: ``"end_y"``, ``"event_time_ground"``, ``"maximum_y"``; or for one of
+        each element, ``"end_u"``, whose shares are then along its dimensions, too.
     draws : int
         A power of two; draws*(2 + parameters) members are marched.
     seed : int
@@ -69,7 +71,8 @@ def sobol_indices(
     -------
     xarray.Dataset
         Along `parameter`: ``parameter_name``, its range (``lowest``, ``highest`` in ``parameter_units``),
-        ``first_order``, ``total_order`` and their 95 % intervals along `bound`.
+        ``first_order``, ``total_order`` and their 95 % intervals along `bound`; of a quantity with dimensions along these
+        before `bound`, nan where an element is the same in every draw.
 
     Raises
     ------
@@ -92,12 +95,13 @@ def sobol_indices(
         spans = {(one := written(str(name))): _declared(model, one, [*map(written, ranges)]) for name in ranges}
     quantity = written(quantity)
     sweep = _swept(model, spans, quantity, draws, seed, settings)
-    request = IndicesRequest(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples)
+    elements = {str(dim): sweep.sizes[dim] for dim in sweep[quantity].dims[1:]}
+    request = IndicesRequest(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples, elements)
     if compute:
         return _shared(request, *(variable.values for variable in computed(sweep[[quantity, OUTCOME]])[0].values()))
     needs = tuple(Gathered(sweep[name]) for name in (quantity, OUTCOME))
     task = Task.of("indices", partial(_shared, request), needs, draws, seed, resamples)
-    blank = np.full((len(SHARES), len(spans)), np.nan)
+    blank = np.full((len(SHARES), len(spans), *elements.values()), np.nan)
     return lazy(
         Stage(_dataset(request, blank, (blank, blank)), task, [*_range_variables(spans, stated=request.stated)])
     )
@@ -112,6 +116,8 @@ class IndicesRequest:
     spans : mapping of str to AxisColumn or Parameter
     stated : bool
         Whether ranges were given, and not names alone.
+    elements : mapping of str to int
+        Dimensions of the quantity, and their lengths.
     """
 
     model: Model
@@ -121,6 +127,7 @@ class IndicesRequest:
     draws: int
     seed: int
     resamples: int
+    elements: Mapping[str, int]
 
 
 def _shared(request: IndicesRequest, numbers: NDArray[Any], outcomes: NDArray[Any]) -> xr.Dataset:
@@ -131,10 +138,15 @@ def _shared(request: IndicesRequest, numbers: NDArray[Any], outcomes: NDArray[An
     InputError
         If a member has none, or all have the same.
     """
-    f = _checked(request.quantity, numbers.astype(float), outcomes).reshape(2 + len(request.spans), request.draws)
+    f = _checked(request, numbers.astype(float), outcomes)
+    f = np.ascontiguousarray(np.moveaxis(f.reshape(2 + len(request.spans), request.draws, -1), -1, 0))
+    f[(f == f[:, :1, :1]).all(axis=(1, 2))] = np.nan  # elements without a variance, which rounding would give them
     resampled = np.random.default_rng(request.seed).integers(request.draws, size=(request.resamples, request.draws))
-    low, high = np.quantile([_shares(f[:, entry]) for entry in resampled], [0.025, 0.975], axis=0)
-    return _dataset(request, _shares(f), (low, high))
+    drawn = [_shares(f[..., entry]) for entry in resampled]
+    low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+    shape = (len(SHARES), len(request.spans), *request.elements.values())
+    found = [np.moveaxis(shares, 1, -1).reshape(shape) for shares in (_shares(f), low, high)]
+    return _dataset(request, found[0], (found[1], found[2]))
 
 
 def _dataset(
@@ -143,10 +155,10 @@ def _dataset(
     variables = _range_variables(request.spans, stated=request.stated)
     low, high = interval
     for i, (name, words) in enumerate(SHARES.items()):
-        variables[name] = (("parameter",), indices[i], about("1", words, ROLE))
+        variables[name] = (("parameter", *request.elements), indices[i], about("1", words, ROLE))
         description = f"95 % interval of {name}, percentiles of {request.resamples} resamples of the draws"
         variables[f"{name}_interval"] = (
-            ("parameter", "bound"),
+            ("parameter", *request.elements, "bound"),
             np.stack([low[i], high[i]], axis=-1),
             about("1", description, ROLE),
         )
@@ -204,36 +216,34 @@ def _swept(
     mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
     spread = np.concatenate([a, b, *mixed])
     values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
-    sweep = unfold(swept(model, {"draw": values}, keep=[quantity], **settings))
-    if elements := [name for name in map(str, sweep.variables) if name != quantity == parted(name)[0]]:
-        raise InputError(
-            f"quantity '{quantity}' has {len(elements)} elements, and shares are of one number: ask for one of '{elements[0]}'"
-            f" to '{elements[-1]}' in each call"
-        )
-    if quantity not in sweep or sweep[quantity].dims != ("draw",):
+    sweep = swept(model, {"draw": values}, keep=[quantity], **settings)
+    own = find_column(sweep, quantity)
+    if own is None or own.dims[:1] != ("draw",) or not {*own.dims[1:]} <= {*model_dimensions(sweep)}:
         raise InputError(
             f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"
         )
-    return sweep
+    return sweep.assign({quantity: element_array(sweep, quantity)})
 
 
-def _checked(quantity: str, f: NDArray[np.float64], outcomes: NDArray[Any]) -> NDArray[np.float64]:
+def _checked(request: IndicesRequest, f: NDArray[np.float64], outcomes: NDArray[Any]) -> NDArray[np.float64]:
     """Return the numbers of all members if each has one, and not all the same."""
+    quantity = request.quantity
     if not np.isfinite(f).all():
-        i = int(np.flatnonzero(~np.isfinite(f))[0])
+        i = int(np.argwhere(~np.isfinite(f))[0, 0])
         raise InputError(f"member {i} has no {quantity}: it ended as '{outcomes[i]}'; narrow the ranges")
-    if f.max() == f.min():
-        raise InputError(f"{quantity} is {float(f[0])!r} in every draw: it has no variance to share; widen the ranges")
+    if (f == f[0]).all():
+        value = f"{float(f[0])!r}" if f.ndim == 1 else "the same"
+        raise InputError(f"{quantity} is {value} in every draw: it has no variance to share; widen the ranges")
     return f
 
 
 def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return first and total orders of each parameter from the numbers of both designs and each mixed one."""
-    designs = f[:2]
-    f = f - designs.mean()
-    variance = designs.var()
-    first = (f[1] * (f[2:] - f[0])).mean(axis=-1) / variance
-    total = 0.5 * ((f[0] - f[2:]) ** 2).mean(axis=-1) / variance
+    """Return first and total orders of each parameter from the numbers of both designs and each mixed one, by element."""
+    designs = f[:, :2]
+    f = f - designs.mean(axis=(1, 2), keepdims=True)
+    variance = designs.var(axis=(1, 2))[:, np.newaxis]
+    first = (f[:, 1:2] * (f[:, 2:] - f[:, :1])).mean(axis=-1) / variance
+    total = 0.5 * ((f[:, :1] - f[:, 2:]) ** 2).mean(axis=-1) / variance
     return np.stack([first, total])
 
 

@@ -77,14 +77,12 @@ def _streamed(march: March, file: Place, *, read_back: bool) -> tuple[str, str]:
 
 def _apart(march: March, abreast: dict[str, Any]) -> str:
     """Describe how a run marched alone differs from the same run marched side by side; empty if it does not."""
-    now, scales = march.now, record.factors(march.model, march.settings.scales)
+    now, state = march.now, march.run.y[: march.layout.used.size] * record.factors(march.layout, march.settings.scales)
     alone: dict[str, Any] = dict(zip(COUNTS, (march.accepted, now.trials, now.evaluations), strict=True))
     used = march.layout.used
     for block in used.blocks:
         place = used.place(block.name)
-        alone[f"end_{block.name}"] = (march.run.y[place : place + block.size] * scales[block.first]).reshape(
-            block.shape
-        )
+        alone[f"end_{block.name}"] = state[place : place + block.size].reshape(block.shape)
     return ", ".join(
         f"{name} is {result}, side by side {abreast[name]}"
         for name, result in alone.items()

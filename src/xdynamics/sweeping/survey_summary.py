@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.record.flag_words import words_of
+from xdynamics.shapes.naming import parted, spoken
 from xdynamics.units.digits import uncertainty_alone
 
 if TYPE_CHECKING:
     import xarray as xr
 
 MOST = 16
+MOST_ELEMENTS = 6  # of one quantity
 
 
 def _first_lines(lines_of: Callable[[xr.Dataset], Iterable[str]], survey: xr.Dataset) -> list[str]:
@@ -96,12 +98,17 @@ def _precision(survey: xr.Dataset) -> Iterator[str]:
 
 def _indices(survey: xr.Dataset) -> Iterator[str]:
     yield f"draws     {survey.attrs['draws']} and seed {survey.attrs['seed']}"
+    ends = [name.removeprefix("first_order") for name in map(str, survey.data_vars) if parted(name)[0] == "first_order"]
     for i, name in enumerate(map(str, survey["parameter_name"].values)):
-        shares = []
-        for word in ("first_order", "total_order"):
-            low, high = survey[f"{word}_interval"].values[i]
-            shares.append(f"{word.replace('_', ' ')} {float(survey[word][i]):.3f} ({low:.3f} to {high:.3f})")
-        yield f"{name}: {', '.join(shares)}"
+        for end in ends[:MOST_ELEMENTS]:
+            shares = []
+            for word in ("first_order", "total_order"):
+                low, high = survey[f"{word}_interval{end}"].values[i]
+                shares.append(f"{word.replace('_', ' ')} {float(survey[word + end][i]):.3f} ({low:.3f} to {high:.3f})")
+            of = f" of {spoken(survey.attrs['quantity'] + end)}" if end else ""
+            yield f"{name}{of}: {', '.join(shares)}"
+    if len(ends) > MOST_ELEMENTS:
+        yield f"{len(ends) - MOST_ELEMENTS} further elements of {survey.attrs['quantity']} are in the record"
 
 
 SUMMARIES = {
