@@ -161,6 +161,30 @@ def test_bounces_end_when_their_series_does(e: float) -> None:
     assert np.abs(run.y.values[-1]).max() < 1e-15
 
 
+def test_a_column_that_falls_bounces_as_one() -> None:
+    """Assert of thirty balls that touch, at a fall of h, that all leave with e*sqrt(2*g*h), in one row for each link.
+
+    They lose m*(1 - e**2)*g*h each.
+    """
+    height, e, count = 0.1, 0.5, 30
+    model = points(
+        height + np.arange(count) * 0.1,
+        "",
+        relations={"pair": {"of": "ball", "neighbours": 1}},
+        contacts={
+            "floor": {"gap": "y[0]", "restitution": e},
+            "balls": {"gap": "second(y, pair) - first(y, pair) - 0.1*metre", "restitution": e},
+        },
+    )
+    run = xd.simulate(model, until="0.15 s", method="velocity_verlet", step="10 ms")
+    speed, struck = sqrt(2.0 * G * height), np.unique(run.event_time.values)
+    after = run.v_y.values[run.event_row_after.values[0]]
+    assert (run.attrs["run_outcome"], run.sizes["event"], len(struck)) == ("completed", count, 1)
+    assert np.abs(after / (e * speed) - 1.0).max() < 1e-11
+    lost = count * (1.0 - e * e) * G * height
+    assert run.event_energy_lost.values.sum() == pytest.approx(lost, rel=1e-10)
+
+
 def test_a_table_that_shakes_lets_go_when_it_pulls() -> None:
     """Assert that points leave an oscillating table where it accelerates downward with g, and its force until then."""
     size, omega = 0.05, 20.0

@@ -73,7 +73,7 @@ from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
 MOST_HASTE = 1000  # events that follow each other within what times are located to
-MOST_STRIKES = 8  # at one time, of links that what stops others has approach
+MOST_STRIKES = 200  # at one time, of links that what stops others has approach, each more slowly than before
 MOST_IDLE, IDLY = 100, 1e-2  # landings in a row at which nothing changes, each after less than this of a step
 LEFT_OVER = 16.0 * NOISE  # of energies: what rounding may leave for each link and coordinate
 FREELY, CUT, AT_A_LOSS = range(1, 4)  # whether the trial in which links meet was cut for a node; or was not watched

@@ -22,6 +22,7 @@ from xdynamics.march.assembly.broad_phase import (
 from xdynamics.march.assembly.closed_links import DRAG, GRIP, OWN_SCALE, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.friction import solve_links
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
+from xdynamics.march.assembly.narrow_phase import NOISE
 from xdynamics.march.assembly.single_impacts import each_alone, reverse
 from xdynamics.march.assembly.touching import (
     ACTS,
@@ -176,10 +177,13 @@ def solve(run: Run) -> bool:
 
 @shared
 def largest_slack(run: Run) -> float:
-    """What rounding may leave of the residual of all links together."""
+    """What rounding may leave of the residual of all links together: of their rates, and of what impulses change them by.
+
+    A ball below many others has an impulse that would give it alone many times the velocity of all.
+    """
     most = 0.0
     for a in range(run.tallies[TOGETHER]):
-        most = max(most, run.touching[a, SLACK])
+        most = max(most, run.touching[a, SLACK], NOISE * abs(run.touching[a, IMPULSE]) * run.touching[a, OWN])
     return most
 
 
