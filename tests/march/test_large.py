@@ -225,6 +225,37 @@ def test_a_million_elements_take_little_more_than_their_records(made: str, besid
     assert taken < record + beside
 
 
+WRITE = """
+import sys
+import xdynamics as xd
+
+for i, text in enumerate(sys.argv[1:]):
+    xd.simulate(xd.Model.from_text(text), log="states", path=f"{i}.nc").close()
+"""
+AGAIN = """
+import resource
+import xdynamics as xd
+
+peaks = []
+for name in ("0.nc", "1.nc"):
+    assert xd.reproduce(name).attrs["identical"] == 1
+    peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(peaks[1] - peaks[0])
+"""
+
+
+@pytest.mark.dear
+def test_a_million_elements_by_an_expression_are_reproduced(tmp_path: Path) -> None:
+    """Assert that an archive with 10^6 masses by an expression has it as a text, and the peak of memory to repeat it."""
+    mass = 'm = { dims = ["site"], value = "(1 + 0.1*index(site))*kilogram" }'
+    texts = [CHAIN.format(n=n).replace('m = "1 kg"', mass) for n in (1000, 1_000_000)]
+    subprocess.run([sys.executable, "-c", WRITE, *texts], check=True, cwd=tmp_path)
+    said = subprocess.run([sys.executable, "-c", AGAIN], capture_output=True, text=True, check=True, cwd=tmp_path)
+    with xd.open_run(tmp_path / "1.nc") as run:
+        assert len(str(run.model_toml.values)) < 1000
+        assert float(said.stdout) < run.nbytes / 2**20 + 210.0
+
+
 def test_states_left_to_the_record_are_those_that_were_copied(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the same record, fastest rates too, whether a march copies some of its rows, and steps their samples, or not."""
     model = xd.Model.from_text(
