@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
 from cases.bodies import of_body
+from xdynamics.figures import hermite
 from xdynamics.figures.contrast import legible
 
 
@@ -96,3 +98,36 @@ def test_paths_of_many_bodies_differ_in_colour_and_have_names_at_their_ends() ->
     assert [text.get_color() for text in axes.texts] == [legible(colour, 4.5) for colour in colours]
     assert ends["7"] == tuple(run["r"].values[-1, 7])
     assert "ends: body, where there is room" in axes.get_title(loc="left").replace("\n", " ")
+
+
+ROW = """
+name = "row"
+[dimensions]
+site = 700
+[coordinates]
+u = { unit = "m", dims = ["site"] }
+[mass]
+u = "1*kilogram"
+[forces.springs]
+u = "-u*newton/metre"
+[initial]
+u = "metre*(1 + index(site))"
+[run]
+method = "rk4"
+step = "50 ms"
+until = "3 s"
+"""
+
+
+def test_a_map_of_more_rows_than_pixels_draws_some_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert 500 of 700 rows, the first and the last among them, in words; no others are made inside steps."""
+    run = xd.simulate(xd.Model.from_text(ROW), log="states")
+    asked = list[str]()
+    made = hermite.bent
+    monkeypatch.setattr(hermite, "bent", lambda run, name, *rest: (asked.append(name), made(run, name, *rest))[1])
+    (axes,) = xd.plot(run, only="trajectory").axes
+    drawn = np.asarray(axes.collections[0].get_array())
+    assert drawn.shape[0] == 500
+    assert (drawn[[0, -1], -1] == run["u"].values[-1, [0, -1]]).all()
+    assert axes.get_title(loc="left") == "trajectory, 500 of 700 rows"
+    assert len({*asked}) == len(asked) == 500

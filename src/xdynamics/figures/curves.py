@@ -17,7 +17,7 @@ from xdynamics.dynamics.shortened_steps import sampled, slack
 from xdynamics.evidence.observables import evaluated_whole, rate_on
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.faults import InputError
-from xdynamics.figures.hermite import bent
+from xdynamics.figures.hermite import StatePolynomials, chain_of
 from xdynamics.figures.roles import with_role
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -215,9 +215,8 @@ def _inner_points(run: xr.Dataset) -> Inner | None:
         return None
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
-    state_names = with_role(run, *STATES)
-    interpolated = {name: bent(run, name, times, rows) for name in state_names if run.variables[name].dims == (STEPS,)}
-    available = {name: values for name, values in interpolated.items() if values is not None}
+    named = [name for name in with_role(run, *STATES) if run.variables[name].dims == (STEPS,)]
+    available = StatePolynomials(run, times, rows, tuple(name for name in named if chain_of(run, name)))
     return Inner(times, rows, available, again=False) if available else None
 
 

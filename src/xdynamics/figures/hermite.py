@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,15 +18,59 @@ Rows = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-def bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:
-    """Return a state on Hermite polynomials: a coordinate from its velocity and acceleration, a velocity from its acceleration."""
+@dataclass(frozen=True)
+class StatePolynomials(Mapping[str, Floats]):
+    """States of a run inside its steps on Hermite polynomials, each evaluated when it is first asked for.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+    times, rows : ndarray, shape (k,)
+        Where, and in which step.
+    names : tuple of str
+        Of the states whose derivatives are recorded.
+    """
+
+    run: xr.Dataset
+    times: Floats
+    rows: Rows
+    names: tuple[str, ...]
+    _known: dict[str, Floats] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Floats:
+        if name not in self._known:
+            if name not in self.names:
+                raise KeyError(name)
+            values = bent(self.run, name, self.times, self.rows)
+            assert values is not None  # noqa: S101 - by its name
+            self._known[name] = values
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+
+def chain_of(run: xr.Dataset, name: str) -> tuple[str, ...]:
+    """Name a state and its recorded derivatives; nothing if it has none."""
     owner = name.removeprefix(velocity(""))
     chain = (name, rate(name)) if rate(name) in run.variables else (name, velocity(name), acceleration(name))
     if name == velocity(owner) and owner in run.variables:
         chain = (name, acceleration(owner))
     if chain[1] not in run.variables:
+        return ()
+    return chain if all(each in run.variables for each in chain) else chain[:2]  # of a run of states alone
+
+
+def bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:
+    """Return a state on Hermite polynomials: a coordinate from its velocity and acceleration, a velocity from its acceleration."""
+    if not (chain := chain_of(run, name)):
         return None
-    chain = chain if {*chain} <= set(run.variables) else chain[:2]  # of a run of states alone
     time, values = (
         run.variables["time"].values,
         [run.variables[derivative].values for derivative in chain],

@@ -40,6 +40,7 @@ MOST_CROSSED = (
     2  # variables that are named together with each run; of more the legend has a line for each, and for each run
 )
 COLUMNS = 800  # of a map
+MOST_ROWS = 500  # of a map, which has no more lines of pixels
 MOST_TICKS = 10  # of a map, at equal distances
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
 FEWEST_LATE = 50  # rows for that
@@ -112,7 +113,8 @@ def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> b
 
 def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     """Draw many variables as colours: time across, one row for each."""
-    time = run.variables["time"].values
+    time, count = run.variables["time"].values, len(names)
+    names = [names[k] for k in np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).round().astype(int))]
     grid = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
     rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
     changes, label, note = rows - rows[:, :1], _joined(names), ""
@@ -129,7 +131,8 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     axes.set_yticks(ticks, [called[k - 1] for k in ticks])
     axes.grid(visible=False)
     label_time(axes, run["time"])
-    axes.set_title(f"{what}{note}, a row for each of {len(names)}{straight(run, *names)}", loc="left", fontsize=10)
+    each = f"{len(names)} of {count} rows" if len(names) < count else f"a row for each of {count}"
+    axes.set_title(f"{what}{note}, {each}{straight(run, *names)}", loc="left", fontsize=10)
 
 
 def colour_bar(mesh: Any, label: str, axes: Axes) -> None:
