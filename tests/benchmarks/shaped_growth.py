@@ -29,6 +29,7 @@ import xdynamics as xd
 SIZES = {"chain": (10, 30, 100, 1000, 10_000), "bodies": (10, 30, 100, 300, 1000)}
 STEPS = {"chain": 2_000_000, "bodies": 200_000}  # times coordinates, of the longer run
 ROUNDS = 3
+LOGS = ("states", "full")
 
 
 def text_of(kind: str, n: int) -> str:
@@ -85,12 +86,12 @@ def in_a_process(kind: str, n: int) -> dict[str, float]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def memory() -> dict[str, float]:
+def memory(columns: str) -> dict[str, float]:
     """Return the megabytes that a million sites take in this process, of its record, and of the log in that."""
     xd.simulate(xd.Model.from_text(CHAIN.format(n=1000)), method="velocity_verlet", step=1e-3, until=3e-3)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     model = xd.Model.from_text(CHAIN.format(n=1_000_000))
-    run = xd.simulate(model, method="velocity_verlet", step=1e-3, until=3e-3, log="states", estimator="none")
+    run = xd.simulate(model, method="velocity_verlet", step=1e-3, until=3e-3, log=columns, estimator="none")
     taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before
     log = sum(values.nbytes for values in run.variables.values() if "step" in values.dims)
     return {"taken": taken, "record": run.nbytes / 2**20, "log": log / 2**20}
@@ -114,7 +115,7 @@ def record() -> None:
 def main() -> None:
     """Print the tables."""
     if sys.argv[1:2] == ["--as-row"]:
-        print(json.dumps(memory() if sys.argv[2] == "memory" else measured(sys.argv[2], int(sys.argv[3]))))
+        print(json.dumps(memory(sys.argv[2]) if sys.argv[2] in LOGS else measured(sys.argv[2], int(sys.argv[3]))))
         return
     record()
     with tempfile.TemporaryDirectory() as folder:
@@ -125,10 +126,12 @@ def main() -> None:
                 one = in_a_process(kind, n)
                 row = f"{n:8}{one['built']:10.3f} s{one['again']:12.4f} s{1e9 * one['step']:23.2f} ns"
                 print(row, flush=True)
-        one = in_a_process("memory", 0)
-        print(
-            f"10^6 sites: {one['taken']:.0f} MB, of which the record {one['record']:.0f} and in it the log {one['log']:.0f}"
-        )
+        for columns in LOGS:
+            one = in_a_process(columns, 0)
+            print(
+                f"10^6 sites, log = {columns!r}: {one['taken']:.0f} MB, of which the record {one['record']:.0f} and in it"
+                f" the log {one['log']:.0f}"
+            )
 
 
 if __name__ == "__main__":
