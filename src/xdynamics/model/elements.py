@@ -19,7 +19,7 @@ from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potenti
 from xdynamics.model.controllers import each_tree
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import Table
-from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
+from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, finite, in_si
 from xdynamics.model.entries import columns_of_drive
 from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.lagrangian import Lagrangian
@@ -154,7 +154,8 @@ class Elements:
             every = values.numbers * math.prod(shape) if len(values.numbers) == 1 else values.numbers
             return every, shape, unit_of(values)
         constants = _constants(self.statement.unit_constants)
-        return evaluate_elements(values.tree, values.dims, constants, self.shapes).ravel(), shape, unit_of(values)
+        numbers = evaluate_elements(values.tree, values.dims, constants, self.shapes).ravel()
+        return finite(numbers, values.tree), shape, unit_of(values)
 
     def _mass(self) -> Sequence[tuple[Node, ...]]:
         old, names = self.statement, [*self.statement.coordinates]
