@@ -60,9 +60,7 @@ KINDS = (
     "phase",
     "section",
     "energy",
-    "steps",
-    "errors",
-    "events",
+    *("steps", "errors", "events"),
 )
 
 # kinds in the order in which they are chosen for a sheet of few panels: what a person came for
