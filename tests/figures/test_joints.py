@@ -48,7 +48,7 @@ def test_positions_that_hardly_change_are_drawn_less_their_start() -> None:
     """Assert that a truss's map has the millimetres by which it sags, and not the metres between its joints."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "truss.toml"), until="0.2 s")
     axes = xd.plot(run, only=["trajectory"]).axes[0]
-    assert axes.get_title(loc="left") == "trajectory less its start, a row for each of 8"
+    assert axes.get_title(loc="left") == "trajectory less its start, 8 rows, one per joint and axis"
     assert axes.child_axes[0].get_ylabel() == "r - r(0) (m)"
     moved = np.abs(run.r.values - run.r.values[0]).max()
     assert axes.collections[0].get_clim() == pytest.approx((-moved, moved), rel=1e-2)

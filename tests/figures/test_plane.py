@@ -126,8 +126,8 @@ def test_many_variables_are_a_map() -> None:
     )
     figure = xd.plot(xd.simulate(chain, method="velocity_verlet", step=0.05, until=5.0))
     assert titles(figure) == [
-        "trajectory, a row for each of 20",
-        "velocity, a row for each of 20",
+        "trajectory, 20 rows, one per variable",
+        "velocity, 20 rows, one per variable",
         "total energy less its start, 0.5 J",
     ]
     assert max(len(axis.lines) for axis in figure.axes) < 3

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
 from cases.bodies import of_body
-from xdynamics.figures import hermite
 from xdynamics.figures.contrast import legible
 
 
@@ -80,7 +78,7 @@ def test_each_axis_of_many_bodies_has_a_map() -> None:
     run = xd.simulate(xd.Model.from_text(text), method="rk4", step="50 ms", until="0.5 s")
     across, up = xd.plot(run, only="trajectory").axes
     for axes, axis in ((across, "x"), (up, "y")):
-        assert axes.get_title(loc="left").startswith(f"trajectory of r[{axis}], a row for each of 9")
+        assert axes.get_title(loc="left").startswith(f"trajectory r[{axis}], 9 rows, one per body")
         assert [text.get_text() for text in axes.get_yticklabels()] == [f"a_body_w…l_no_{k:03d}" for k in range(9)]
         drawn = axes.collections[0].get_array()
         assert (drawn[:, 0] == run["r"].values[0, :, "xy".index(axis)]).all()
@@ -98,36 +96,3 @@ def test_paths_of_many_bodies_differ_in_colour_and_have_names_at_their_ends() ->
     assert [text.get_color() for text in axes.texts] == [legible(colour, 4.5) for colour in colours]
     assert ends["7"] == tuple(run["r"].values[-1, 7])
     assert "ends: body, where there is room" in axes.get_title(loc="left").replace("\n", " ")
-
-
-ROW = """
-name = "row"
-[dimensions]
-site = 700
-[coordinates]
-u = { unit = "m", dims = ["site"] }
-[mass]
-u = "1*kilogram"
-[forces.springs]
-u = "-u*newton/metre"
-[initial]
-u = "metre*(1 + index(site))"
-[run]
-method = "rk4"
-step = "50 ms"
-until = "3 s"
-"""
-
-
-def test_a_map_of_more_rows_than_pixels_draws_some_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert 500 of 700 rows, the first and the last among them, in words; no others are made inside steps."""
-    run = xd.simulate(xd.Model.from_text(ROW), log="states")
-    asked = list[str]()
-    made = hermite.bent
-    monkeypatch.setattr(hermite, "bent", lambda run, name, *rest: (asked.append(name), made(run, name, *rest))[1])
-    (axes,) = xd.plot(run, only="trajectory").axes
-    drawn = np.asarray(axes.collections[0].get_array())
-    assert drawn.shape[0] == 500
-    assert (drawn[[0, -1], -1] == run["u"].values[-1, [0, -1]]).all()
-    assert axes.get_title(loc="left") == "trajectory, 500 of 700 rows"
-    assert len({*asked}) == len(asked) == 500

@@ -63,6 +63,9 @@ class Inner:
     states: Mapping[str, Floats]
     again: bool
     computed: dict[str, Floats | None] = field(default_factory=dict)  # from the states, as far as they were asked for
+    joined: list[tuple[Rows, Floats]] = field(
+        default_factory=list
+    )  # order and times of rows and points, once for all lines
 
 
 def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None) -> Rows:
@@ -141,6 +144,8 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
         times, values = run.variables["time"].values, [run.variables[name].values for name in names]
     else:
         times, values = available[0][0], [curve[1] for curve in available]
+    if times.size <= DRAWN:
+        return times, values
     rows = np.unique(np.concatenate([thinned(curve, times=times) for curve in values]))
     if "event_time" in run.variables and run.sizes["event"] <= DRAWN:  # no line passes by a state at an event
         rows = np.union1d(rows, np.flatnonzero(np.isin(times, run.variables["event_time"].values)))
@@ -172,12 +177,14 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
         values = inner.computed[name]
     if values is None:
         return None
-    order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
-    times = np.concatenate([run.variables["time"].values, inner.times])[order]
+    if not inner.joined:
+        order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
+        inner.joined.append((order, np.concatenate([run.variables["time"].values, inner.times])[order]))
+    ((order, times),) = inner.joined
     line = np.concatenate([run.variables[name].values, values])[order]
-    # where a step's equations could not be solved again
-    lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
-    line[lost] = np.interp(times[lost], times[~lost], line[~lost])
+    if not np.isfinite(values).all():  # a step's equations could not be solved again
+        lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
+        line[lost] = np.interp(times[lost], times[~lost], line[~lost])
     return times, line
 
 
@@ -216,7 +223,7 @@ def _inner_points(run: xr.Dataset) -> Inner | None:
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
     named = [name for name in with_role(run, *STATES) if run.variables[name].dims == (STEPS,)]
-    available = StatePolynomials(run, times, rows, tuple(name for name in named if chain_of(run, name)))
+    available = StatePolynomials(run, times, rows, dict.fromkeys(name for name in named if chain_of(run, name)))
     return Inner(times, rows, available, again=False) if available else None
 
 

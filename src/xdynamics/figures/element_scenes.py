@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.figures.element_maps import colour_bar, colours
 from xdynamics.figures.fields import name_axis
 from xdynamics.figures.frame_sizes import MARGIN, PROFILE, frame_size
 from xdynamics.figures.lattice import name_elements
-from xdynamics.figures.line_panels import colour_bar, colours
 from xdynamics.figures.marks import COLOURS, in_unit, typeset, words
 from xdynamics.shapes import Extent, Shapes
 
@@ -100,8 +100,7 @@ class Plate:
     def start(self, axes: Axes) -> str:
         """Draw the start with the scale of colours of the whole run."""
         edges = [np.arange(size + 1) - 0.5 for size in self.values.shape[1:]]
-        scale = {"vmin": float(np.nanmin(self.values)), "vmax": float(np.nanmax(self.values))} | colours(self.values)
-        self._mesh = axes.pcolormesh(*edges, self.values[0].T, **scale)
+        self._mesh = axes.pcolormesh(*edges, self.values[0].T, **colours(self.values))
         axes.set_aspect("equal")
         axes.grid(visible=False)
         for axis, dim in zip((axes.xaxis, axes.yaxis), self.dims, strict=True):

@@ -9,7 +9,8 @@ import xarray as xr
 
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, energy_changes, has_chords
-from xdynamics.figures.line_panels import DASHES, FEW_ROWS, STEADY, over_the_run
+from xdynamics.figures.element_maps import STEADY
+from xdynamics.figures.line_panels import DASHES, FEW_ROWS, over_the_run
 from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.schema import ENERGIES, STEPS
 from xdynamics.units import unit_suffix

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.figures.element_maps import colour_bar, colours
 from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
-from xdynamics.figures.line_panels import colour_bar, colours
 from xdynamics.figures.marks import at_time, in_unit, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Extent, Shapes
@@ -49,7 +49,7 @@ def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], s
     rows = np.unique([np.abs(time - moment).argmin() for moment in np.linspace(time[0], time[-1], MOMENTS)])
     values = np.stack([run.variables[each].values[rows] for each in names], axis=-1)
     maps = values.reshape(len(rows), *shapes.shape(dims))
-    scale = {"vmin": float(maps.min()), "vmax": float(maps.max())} | colours(maps)
+    scale = colours(maps)
     place: Any = axes.get_subplotspec()
     figure: Any = axes.figure
     axes.remove()

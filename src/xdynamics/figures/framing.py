@@ -82,17 +82,17 @@ def whole_frame(paths: Sequence[Floats]) -> Frame:
     return Frame(_around(np.stack([np.stack([path.min(axis=1), path.max(axis=1)], axis=-1) for path in paths])))
 
 
-def leaving_note(frame: Frame, names: Sequence[str], unit: str, size: float = 1.0) -> str:
-    """Say which bodies leave a frame at what times, given in a unit of some size; empty if none does."""
+def leaving_note(frame: Frame, names: Sequence[str], unit: str, size: float = 1.0, of: str = "the frame") -> str:
+    """Say which bodies leave a frame, or what else it is of, at what times, given in a unit of some size; empty if none does."""
     at = [f"at t = {time / size:.3g}{unit}" for _, time in frame.leaving]
     called = [names[body] for body, _ in frame.leaving]
     if not at:
         return ""
     if len(at) == 1:
-        return f"{called[0]} leaves the frame {at[0]}"
+        return f"{called[0]} leaves {of} {at[0]}"
     if len(at) <= MOST_SAID:
-        return f"these leave the frame: {', '.join(map(' '.join, zip(called, at, strict=True)))}"
-    return f"{len(at)} of {len(names)} leave the frame, {called[0]} first {at[0]}, {called[-1]} last {at[-1]}"
+        return f"these leave {of}: {', '.join(map(' '.join, zip(called, at, strict=True)))}"
+    return f"{len(at)} of {len(names)} leave {of}, {called[0]} first {at[0]}, {called[-1]} last {at[-1]}"
 
 
 def _around(boxes: Floats) -> Floats:

@@ -27,14 +27,14 @@ class StatePolynomials(Mapping[str, Floats]):
     run : xarray.Dataset
     times, rows : ndarray, shape (k,)
         Where, and in which step.
-    names : tuple of str
-        Of the states whose derivatives are recorded.
+    names : dict of str
+        Of the states, in order, whose derivatives are recorded.
     """
 
     run: xr.Dataset
     times: Floats
     rows: Rows
-    names: tuple[str, ...]
+    names: Mapping[str, None]
     _known: dict[str, Floats] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -13,9 +13,11 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import DOTS, alone, drawn, has_chords, is_long, moments, unjoined
+from xdynamics.figures.curves import DOTS, alone, drawn, is_long, moments, unjoined
+from xdynamics.figures.element_maps import draw_map
 from xdynamics.figures.event_marks import mark_events
-from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, shortened, words
+from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
+from xdynamics.figures.panel_words import joined, straight
 from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
@@ -23,7 +25,6 @@ from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import STEPS, velocity
-from xdynamics.shapes import element, parted, spoken
 from xdynamics.units import parse_unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -32,21 +33,16 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FEW_ROWS = 150  # up to which every accepted state is a dot
-LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
 MOST_DOTS = 20_000  # of a section
 MOST_LINES = 6  # in one panel; more are a map
 MOST_CROSSED = (
     2  # variables that are named together with each run; of more the legend has a line for each, and for each run
 )
-COLUMNS = 800  # of a map
-MOST_ROWS = 500  # of a map, which has no more lines of pixels
-MOST_TICKS = 10  # of a map, at equal distances
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
 FEWEST_LATE = 50  # rows for that
 CONTACTS, CONSTRAINTS = "contact and friction", "multipliers of constraints"
 SHORT_NAMES = {CONTACTS: "force", CONSTRAINTS: "multiplier"}  # of axes with several of them
-STEADY = 0.25  # of the largest value: a map whose rows change less shows how they change
 GREY = "#555555"  # of what stands for all lines
 DASHES = ("--", ":", "-.")
 
@@ -54,7 +50,7 @@ DASHES = ("--", ":", "-.")
 def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, axes: Axes) -> None:
     """Draw variables of one unit against time; more than six as a map."""
     if len(names) > MOST_LINES:
-        _map(run, names, what, axes)
+        draw_map(run, names, what, axes)
         return
     time, around = run.variables["time"].values, wraps(run)
     for name in names:
@@ -67,7 +63,7 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
             axes.plot(time, values, ".", color=colour, markersize=4)
         axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(label))
     overlaid = _overlay(run, names, beside, axes)
-    label = SHORT_NAMES[what] if what in SHORT_NAMES and len(names) > 1 else _joined(names)
+    label = SHORT_NAMES[what] if what in SHORT_NAMES and len(names) > 1 else joined(names)
     label_time(axes, run["time"])
     axes.set(ylabel=words(f"{label} ({run.variables[names[0]].attrs['units']})"))
     axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
@@ -75,11 +71,6 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
     marked = mark_events(run, names, axes)
     over_the_run(run, axes)
     _legend(axes, names, beside if overlaid else Beside(), needed=marked)
-
-
-def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
-    """Note where lines are straight between rows, because the states there are unknown."""
-    return "; straight between rows" if has_chords(run, *names, exact=exact) else ""
 
 
 def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> bool:
@@ -111,44 +102,6 @@ def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> b
     return overlaid
 
 
-def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
-    """Draw many variables as colours: time across, one row for each."""
-    time, count = run.variables["time"].values, len(names)
-    names = [names[k] for k in np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).round().astype(int))]
-    grid = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
-    rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
-    changes, label, note = rows - rows[:, :1], _joined(names), ""
-    if 0.0 < np.abs(changes).max() < STEADY * np.ptp(rows):
-        rows, label, note = changes, f"{label} - {label}(0)", " less its start"
-    edges = np.append(grid, grid[-1])
-    mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **colours(rows))
-    colour_bar(mesh, words(f"{label} ({run.variables[names[0]].attrs['units']})"), axes)
-    ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
-    axis, rows_of = shared_axis(names), names
-    if axis:
-        what, rows_of = f"{what} of {spoken(axis)}", [", ".join(parted(name)[1][:-1]) for name in names]
-    called = shortened([words(name) for name in rows_of])
-    axes.set_yticks(ticks, [called[k - 1] for k in ticks])
-    axes.grid(visible=False)
-    label_time(axes, run["time"])
-    each = f"{len(names)} of {count} rows" if len(names) < count else f"a row for each of {count}"
-    axes.set_title(f"{what}{note}, {each}{straight(run, *names)}", loc="left", fontsize=10)
-
-
-def colour_bar(mesh: Any, label: str, axes: Axes) -> None:
-    """Explain colours by a bar at the right edge of their axes, wherever the other panels of the sheet end."""
-    bar = axes.figure.colorbar(mesh, cax=axes.inset_axes((1.02, 0.0, 0.035, 1.0)))
-    bar.set_label(label)
-
-
-def colours(values: Floats) -> dict[str, Any]:
-    """Return two colours that part at zero for values of both signs, one scale of colours for those of one sign."""
-    if values.min() >= 0.0 or values.max() <= 0.0:
-        return {"cmap": "viridis"}
-    largest = float(np.abs(values).max())
-    return {"cmap": "RdBu_r", "vmin": -largest, "vmax": largest}
-
-
 def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
     """Draw the values of measured tables along the run, and along others."""
     drives = model_of(run, None).drives
@@ -159,7 +112,7 @@ def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> Non
             colour, text = key(name, k, label, names, beside, f"{name}({text_of(drives[name].argument)})")
             axes.plot(*found, ("-", *DASHES)[k % 4], color=colour, linewidth=1.1, label=words(text))
     label_time(axes, run["time"])
-    axes.set(ylabel=words(f"{_joined(names)} ({drives[names[0]].table.value_unit.text})"))
+    axes.set(ylabel=words(f"{joined(names)} ({drives[names[0]].table.value_unit.text})"))
     axes.set_title("measured drives along the run", loc="left", fontsize=10)
     over_the_run(run, axes)
     _legend(axes, names, beside)
@@ -255,8 +208,8 @@ def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes, trans
             axes.plot(position, speeds, ".", color=colour, markersize=2.5, label=words(text))
     speed_names = [velocity(coordinate) for coordinate in names]
     axes.set(
-        xlabel=words(f"{_joined(names)} ({run.variables[names[0]].attrs['units']})"),
-        ylabel=words(f"{_joined(speed_names)} ({run.variables[speed_names[0]].attrs['units']})"),
+        xlabel=words(f"{joined(names)} ({run.variables[names[0]].attrs['units']})"),
+        ylabel=words(f"{joined(speed_names)} ({run.variables[speed_names[0]].attrs['units']})"),
     )
     left_out = f" after {found.size - times.size}" if found.size > times.size else ""
     second = unit_suffix(model.time_unit.text)
@@ -300,29 +253,12 @@ def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None
             axes.plot(start, first, "o", color=colour, markersize=4)
     units, per_second = run.variables[names[0]].attrs["units"], run.variables[velocity(names[0])].attrs["units"]
     axes.set(
-        xlabel=words(f"{_joined(names)} ({units})"),
-        ylabel=words(f"{_joined([velocity(name) for name in names])} ({per_second})"),
+        xlabel=words(f"{joined(names)} ({units})"),
+        ylabel=words(f"{joined([velocity(name) for name in names])} ({per_second})"),
     )
     note = straight(run, *names, *(velocity(name) for name in names))
     axes.set_title(f"phase portrait (dot: start){note}", loc="left", fontsize=10)
     _legend(axes, names, beside)
-
-
-def _joined(names: list[str]) -> str:
-    """Name what an axis shows, briefly: the legend has all names."""
-    wholes = {parted(name)[0] for name in names}
-    if len(wholes) == 1:
-        return shared_axis(names) or wholes.pop() if len(names) > 1 else names[0]
-    joined = ", ".join(names)
-    return joined if len(joined) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
-
-
-def shared_axis(names: list[str]) -> str:
-    """Return the component that several elements have in common, `r[x]` of `r[0, x]` and `r[1, x]`; empty if none."""
-    found = {(whole, labels[-1]) for whole, labels in map(parted, names) if len(labels) > 1}
-    is_one = len(names) > 1 and len(found) == 1 and all(len(parted(name)[1]) > 1 for name in names)
-    (whole, label) = found.pop() if is_one else ("", "")
-    return element(whole, [label]) if is_one else ""
 
 
 def key(name: str, k: int, run: str, names: list[str], beside: Beside, shown: str = "") -> tuple[str, str]:

@@ -21,8 +21,9 @@ from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.framing import Frame, frame_of, leaving_note, whole_frame
-from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED, straight
+from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED
 from xdynamics.figures.marks import COLOURS, long_unit, words
+from xdynamics.figures.panel_words import straight
 from xdynamics.figures.placing import named_elsewhere
 from xdynamics.figures.roles import with_role
 from xdynamics.model import Model

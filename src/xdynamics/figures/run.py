@@ -27,6 +27,7 @@ from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.fields import fields
+from xdynamics.figures.panel_words import shared_axis
 from xdynamics.figures.roles import with_role
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
@@ -186,7 +187,7 @@ def _chosen(panels: list[Keyed]) -> list[Keyed]:
         )  # bodies are seen better in the plane, from each side
         seen[kind] = seen.get(kind, 0) + 1
         if kind in FIRST:
-            turn = 1 if is_map and line_panels.shared_axis(names) else seen[kind]  # each axis before the next kind
+            turn = 1 if is_map and shared_axis(names) else seen[kind]  # each axis before the next kind
             ranks.append((is_map, turn, FIRST.index(kind), place))
     return [panels[place] for place in sorted(place for *_, place in sorted(ranks)[:MOST])] or panels[:MOST]
 

@@ -1,0 +1,41 @@
+"""Words of panels: what an axis shows, whose values are drawn, and where lines are straight."""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from xdynamics.figures.curves import has_chords
+from xdynamics.record.unfolding import whole_of
+from xdynamics.shapes import element, parted
+
+LONGEST_LABEL = 24  # characters
+
+
+def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
+    """Note where lines are straight between rows, because the states there are unknown."""
+    return "; straight between rows" if has_chords(run, *names, exact=exact) else ""
+
+
+def joined(names: list[str]) -> str:
+    """Name what an axis shows, briefly: the legend has all names."""
+    wholes = {parted(name)[0] for name in names}
+    if len(wholes) == 1:
+        return shared_axis(names) or wholes.pop() if len(names) > 1 else names[0]
+    every = ", ".join(names)
+    return every if len(every) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
+
+
+def shared_axis(names: list[str]) -> str:
+    """Return the component that several elements have in common, `r[x]` of `r[0, x]` and `r[1, x]`; empty if none."""
+    found = {(whole, labels[-1]) for whole, labels in map(parted, names) if len(labels) > 1}
+    is_one = len(names) > 1 and len(found) == 1 and all(len(parted(name)[1]) > 1 for name in names)
+    (whole, label) = found.pop() if is_one else ("", "")
+    return element(whole, [label]) if is_one else ""
+
+
+def counted_by(run: xr.Dataset, names: list[str]) -> str:
+    """Return what there is one variable of: the dimensions of a quantity, without an axis that all have in common."""
+    wholes = {parted(name)[0] for name in names}
+    whole = wholes.pop() if len(wholes) == 1 else ""
+    dims = [str(dim) for dim in whole_of(run).variables[whole].dims[1:]] if whole in whole_of(run).variables else []
+    return " and ".join(dims[:-1] if shared_axis(names) else dims) or "variable"
