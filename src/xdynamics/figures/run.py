@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
 from xdynamics.figures import (
     boundaries,
@@ -27,6 +26,7 @@ from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.fields import fields
+from xdynamics.figures.panel_groups import by_unit, drives_by_unit, is_rounding
 from xdynamics.figures.panel_words import shared_axis
 from xdynamics.figures.roles import with_role
 from xdynamics.figures.sheet import Page, Panel
@@ -256,7 +256,7 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     kinds += [("state", "first-order state", states), ("controller", "held between ticks", _held(run))]
     maps = {tuple(names): panel for names, panel in fields(run)}  # which tell more than a row for each element
     for kind, title, names in (*kinds, ("other", "", _others(run))):
-        for group in _by_unit(run, _wanted_names(kind, names, wanted)):
+        for group in by_unit(run, _wanted_names(kind, names, wanted)):
             what = title or str(run.variables[group[0]].attrs["role"]).replace("_", " ")
             panel = maps.get(tuple(group))
             if panel is None:
@@ -283,17 +283,24 @@ def _of_forces(
     ):
         shown = [name for name in _with_role(run, role) if name not in joined]
         acting = [name for name in shown if run.variables[name].ndim == 1 and run.variables[name].values.any()]
-        for names in _by_unit(run, _wanted_names(kind, acting, wanted)):
-            yield kind, names, partial(line_panels.against_time, run, names, title, beside)
-    for names in _by_unit(run, line_panels.impulses(run, coordinates)):
+        for names in by_unit(run, _wanted_names(kind, acting, wanted)):
+            if not is_rounding(run, names):
+                yield kind, names, partial(line_panels.against_time, run, names, title, beside)
+            elif wanted is not None:
+                yield (
+                    kind,
+                    names,
+                    partial(line_panels.against_time, run, names, f"{title}: no more than rounding", beside),
+                )
+    for names in by_unit(run, line_panels.impulses(run, coordinates)):
         yield "contact", [], partial(line_panels.impact_needles, run, names, beside)
-    for names in _drives(run):
+    for names in drives_by_unit(run):
         yield "drive", names, partial(line_panels.driven, run, names, beside)
     for view in plane.of_states(run):
         yield "phase", [], partial(plane.draw, run, view, beside)
     turning = Turning(run)
     alone = [name for name in turning.shown(coordinates) if name not in turning.places]
-    for names in _by_unit(run, [name for name in alone if _drawn(run, velocity(name))]):
+    for names in by_unit(run, [name for name in alone if _drawn(run, velocity(name))]):
         if len(names) <= line_panels.MOST_LINES:
             yield "phase", [], partial(line_panels.phase, run, names, beside)
             if _is_driven(run):
@@ -343,18 +350,6 @@ def _joined(run: xr.Dataset) -> list[str]:
     return [name for name in _with_role(run, "multiplier") if parted(name)[0] in made]
 
 
-def _drives(run: xr.Dataset) -> list[list[str]]:
-    """Group the drives of a run's model by unit."""
-    if "model_toml" not in run:
-        return []
-    model = model_of(run, None)
-    groups: dict[str, list[str]] = {}
-    for name, drive in model.drives.items():
-        if (free_names(model.looked_up_at[name]) & {*model.units}).issubset(run.variables):
-            groups.setdefault(drive.table.value_unit.text, []).append(name)
-    return list(groups.values())
-
-
 def _is_driven(run: xr.Dataset) -> bool:
     """Whether the run's model names the period of a section, and the run is whole and has one."""
     if "model_toml" not in run or not is_whole(run.attrs):
@@ -374,28 +369,6 @@ def _with_role(run: xr.Dataset, role: str) -> list[str]:
 def _drawn(run: xr.Dataset, *names: str) -> bool:
     """Whether all of these variables have rows, as in a whole record."""
     return all(name in run and run.variables[name].dims[:1] in ((STEPS,), ("trial",)) for name in names)
-
-
-def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
-    """Group variables that share an axis: those of one unit, and elements of one quantity for themselves.
-
-    Of many elements those along each axis (the few labels of a last dimension) are a group.
-    """
-    groups: dict[tuple[str, str], list[str]] = {}
-    for name in names:
-        whole, labels = parted(name)
-        groups.setdefault((run.variables[name].attrs["units"], whole if labels else ""), []).append(name)
-    return [part for group in groups.values() for part in _by_axis(group)]
-
-
-def _by_axis(names: list[str]) -> list[list[str]]:
-    """Part many elements by the last of several dimensions, where that has few and each part is still a map."""
-    parts: dict[str, list[str]] = {}
-    for name in names:
-        labels = parted(name)[1]
-        parts.setdefault(labels[-1] if len(labels) > 1 else "", []).append(name)
-    is_many = min(map(len, parts.values())) > line_panels.MOST_LINES
-    return [*parts.values()] if is_many and len(parts) < lattice.FEWEST_ELEMENTS else [names]
 
 
 PAGE = Page((), panels_of, foot_of)
