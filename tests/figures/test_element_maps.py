@@ -109,3 +109,16 @@ def test_colours_of_values_that_are_missing() -> None:
     """Assert scales of what is there, of one sign and of both."""
     assert colours(np.array([np.nan, 1.0, 3.0])) == {"cmap": "viridis", "vmin": 1.0, "vmax": 3.0}
     assert colours(np.array([np.nan, -4.0, 3.0])) == {"cmap": "RdBu_r", "vmin": -4.0, "vmax": 4.0}
+
+
+@pytest.mark.parametrize(("unit", "size"), [("m", 1.0), ("km", 1e3)])
+def test_velocities_of_states_alone_bend(unit: str, size: float) -> None:
+    """Assert that velocities between rows follow the closed form where no accelerations are recorded, and that no chord is told."""
+    text = ROW.replace("1300", "200").replace("LEVEL", "2").replace("AMOUNT", "0").replace("50 ms", "200 ms")
+    run = xd.simulate(xd.Model.from_text(text.replace('unit = "m"', f'unit = "{unit}"')), log="states")
+    (axes,) = xd.plot(run, only="velocity").axes
+    assert title_of(axes) == "velocity, 200 rows, one per site"
+    drawn = size * np.asarray(axes.collections[0].get_array())
+    assert drawn.shape == (200, 64)
+    wanted = -np.sin(np.linspace(0.0, 3.0, 64))
+    assert np.abs(drawn - wanted).max() < 5e-4

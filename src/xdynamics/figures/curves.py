@@ -17,7 +17,7 @@ from xdynamics.dynamics.shortened_steps import sampled, slack
 from xdynamics.evidence.observables import evaluated_whole, rate_on
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.faults import InputError
-from xdynamics.figures.hermite import StatePolynomials, chain_of
+from xdynamics.figures.hermite import StatePolynomials, chain_of, derivatives
 from xdynamics.figures.roles import with_role
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -31,6 +31,7 @@ DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5, "linestyle": "none"}  
 MOST_BETWEEN = 40  # points inside each step, however long it is
 WORK = 100_000_000  # numbers that an energy is made of at all points together
 STATES_WORK = 4_000_000  # numbers of all states together
+RATES_WORK = 25_000_000  # numbers that accelerations are made of at all rows together
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
 LARGEST_ENERGETIC = 4096  # where energies are drawn, which polynomials through rows would not show
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
@@ -223,7 +224,11 @@ def _inner_points(run: xr.Dataset) -> Inner | None:
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
     named = [name for name in with_role(run, *STATES) if run.variables[name].dims == (STEPS,)]
-    available = StatePolynomials(run, times, rows, dict.fromkeys(name for name in named if chain_of(run, name)))
+    model, work = known_model(run), _width(run) * run.sizes[STEPS]
+    derived = {} if model is None or work > RATES_WORK else derivatives(run, model)
+    known = {*map(str, run.variables), *derived}
+    chained = dict.fromkeys(name for name in named if chain_of(known, name))
+    available = StatePolynomials(run, times, rows, chained, derived)
     return Inner(times, rows, available, again=False) if available else None
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.evidence.observables import state_rates
+from xdynamics.model import Model
+from xdynamics.schema import STEPS, acceleration, rate, velocity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,20 +31,23 @@ class StatePolynomials(Mapping[str, Floats]):
     times, rows : ndarray, shape (k,)
         Where, and in which step.
     names : dict of str
-        Of the states, in order, whose derivatives are recorded.
+        Of the states, in order, whose derivatives are known.
+    derived : mapping of str to ndarray
+        Derivatives at all rows that the run has no columns of, in recorded units.
     """
 
     run: xr.Dataset
     times: Floats
     rows: Rows
     names: Mapping[str, None]
+    derived: Mapping[str, Floats] = field(default_factory=dict)
     _known: dict[str, Floats] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Floats:
         if name not in self._known:
             if name not in self.names:
                 raise KeyError(name)
-            values = bent(self.run, name, self.times, self.rows)
+            values = bent(self.run, name, self.times, self.rows, self.derived)
             assert values is not None  # noqa: S101 - by its name
             self._known[name] = values
         return self._known[name]
@@ -56,25 +62,43 @@ class StatePolynomials(Mapping[str, Floats]):
         return name in self.names
 
 
-def chain_of(run: xr.Dataset, name: str) -> tuple[str, ...]:
-    """Name a state and its recorded derivatives; nothing if it has none."""
+def chain_of(known: Container[str], name: str) -> tuple[str, ...]:
+    """Name a state and its derivatives as far as they are known; nothing if none is."""
     owner = name.removeprefix(velocity(""))
-    chain = (name, rate(name)) if rate(name) in run.variables else (name, velocity(name), acceleration(name))
-    if name == velocity(owner) and owner in run.variables:
+    chain = (name, rate(name)) if rate(name) in known else (name, velocity(name), acceleration(name))
+    if name == velocity(owner) and owner in known:
         chain = (name, acceleration(owner))
-    if chain[1] not in run.variables:
+    if chain[1] not in known:
         return ()
-    return chain if all(each in run.variables for each in chain) else chain[:2]  # of a run of states alone
+    return chain if all(each in known for each in chain) else chain[:2]  # of a run of states alone
 
 
-def bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:
+def derivatives(run: xr.Dataset, model: Model) -> dict[str, Floats]:
+    """Return accelerations and rates at all rows of a run of states alone, from its model, in recorded units.
+
+    None where they are recorded, or depend on what is not known of the states alone.
+    """
+    names = {velocity(name): acceleration(name) for name in model.coordinates} | {
+        name: rate(name) for name in model.states
+    }
+    columns = {*run.variables}
+    if not {*model.units} <= columns or {*names.values()} <= columns:
+        return {}
+    states = {name: run.variables[name].values for name in model.units}
+    rows = np.arange(run.sizes[STEPS])
+    rates = state_rates(run, model, states, run.variables["time"].values, rows) or {}
+    return {names[name]: rates[name] / float(model.units[name].factor) for name in names if name in rates}
+
+
+def bent(
+    run: xr.Dataset, name: str, times: Floats, rows: Rows, derived: Mapping[str, Floats] | None = None
+) -> Floats | None:
     """Return a state on Hermite polynomials: a coordinate from its velocity and acceleration, a velocity from its acceleration."""
-    if not (chain := chain_of(run, name)):
+    columns: Mapping[Any, Any] = ChainMap({**(derived or {})}, run.variables)  # type: ignore[arg-type]
+    if not (chain := chain_of(columns, name)):
         return None
-    time, values = (
-        run.variables["time"].values,
-        [run.variables[derivative].values for derivative in chain],
-    )  # rates are in their owner's unit per second
+    time = run.variables["time"].values
+    values = [np.asarray(columns[derivative]) for derivative in chain]  # rates are in their owner's unit per second
     h = (time[rows + 1] - time[rows]).astype(float)
     return _hermite(
         [derivative[rows] for derivative in values],
