@@ -46,7 +46,7 @@ from xdynamics.march.assembly.broad_phase import (
 )
 from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note_links
 from xdynamics.march.assembly.holding import hold, release_moved
-from xdynamics.march.assembly.impact import any_approaches, collide, weigh_impulses
+from xdynamics.march.assembly.impact import any_open_approaches, collide, weigh_impulses
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, pattern_at, touch
 from xdynamics.march.assembly.narrow_phase import (
     NOISE,
@@ -269,7 +269,7 @@ def strike(run: Run, t: float) -> bool:
     for _ in range(MOST_STRIKES):
         if not (collide(run) and rest(run, t)):
             return False
-        if run.tallies[ROWS] == 1 or not any_approaches(run):
+        if run.tallies[ROWS] == 1 or not any_open_approaches(run):
             break
     return True
 

@@ -102,6 +102,15 @@ def any_approaches(run: Run) -> bool:
 
 
 @shared
+def any_open_approaches(run: Run) -> bool:
+    """Whether a link that was not closed just now approaches; what is left of others is by directions of a moment ago."""
+    approaches = False
+    for a in range(run.tallies[TOGETHER]):
+        approaches = approaches or (run.touching[a, ACTS] == 0.0 and rate_of(run, a) < -run.touching[a, SLACK])
+    return approaches
+
+
+@shared
 def one_after_the_other(run: Run) -> bool:
     """Reverse the rate of one link after the other, until none approaches."""
     for _ in range(MOST_ROUNDS * run.tallies[TOGETHER]):

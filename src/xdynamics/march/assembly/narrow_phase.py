@@ -1,7 +1,8 @@
 """When the first links of a trial meet: pieces of the step are cut until every link is proven to stay apart, or meets.
 
 A link stays apart on a piece where its gap is positive, or its rate nowhere negative; it meets where its rate is
-negative all over a piece that ends with a gap that is not positive. States at cuts are those of shortened steps.
+negative all over a piece that ends with a gap that is not positive. States at cuts are those of shortened steps, put back
+on closed links, which moves bodies a little: a link that sinks by that alone, though it does not approach, meets as well.
 """
 
 from __future__ import annotations
@@ -140,18 +141,21 @@ def judge_link(run: Run, k: int, start: float, end: float, finest: bool) -> int:
     if smooth and pattern.under[value] > 0.0:
         return FREE
     slack = noise(run, run.near, run.now[0].t + start, k)
-    if smooth and down >= -slack:
-        return FREE
+    floor = -reach_of(run, k)
     before, after = gap_at(run, run.near, run.now[0].t + start, k), gap_at(run, run.far, run.now[0].t + end, k)
+    sinks = before > floor >= after
+    if smooth and down >= -slack and not sinks:
+        return FREE
     if smooth and up < 0.0:
         return FREE if after > 0.0 else MEETS
     # a gap that begins below zero, by what rounding left, and stays there is no free one
     if smooth and before > 0.0 and clears(before, after, down, up, end - start):
         return FREE
-    if smooth and run.tallies[ROWS] == 2 and is_parting(run, start, end, k, down, slack):
+    if smooth and run.tallies[ROWS] == 2 and after > floor and is_parting(run, start, end, k, down, slack):
         return FREE
     if finest or end - start <= resolution_of(run, k, end):
-        return MEETS if after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack else FREE
+        approaches = after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack
+        return MEETS if sinks or approaches else FREE
     return OPEN
 
 
@@ -176,6 +180,18 @@ def noise(run: Run, state: State, t: float, k: int) -> float:
     for i in range(run.assemblies[c].coordinates):
         size += abs(pattern.directions[0, i])
     return NOISE * size * run.spans[FASTEST]
+
+
+@shared
+def reach_of(run: Run, k: int) -> float:
+    """How far from zero the gap of a link that touches may be, where `touch` looked: by rounding, and by its location."""
+    c = run.candidates[k, ASSEMBLY]
+    pattern = pattern_at(run.patterns[2 * c + 1])
+    steep, size = 0.0, abs(pattern.links[0].gap)
+    for i in range(run.assemblies[c].coordinates):
+        steep += abs(pattern.directions[0, i])
+        size += abs(pattern.directions[0, i] * pattern.z[i])
+    return NOISE * size + 2.0 * steep * run.spans[FASTEST] * resolution_of(run, k, 0.0)
 
 
 @shared

@@ -21,7 +21,7 @@ from xdynamics.march.assembly.broad_phase import (
 from xdynamics.march.assembly.closed_links import FRICTIONLESS, closed_index
 from xdynamics.march.assembly.friction import BREAKS
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, member, pattern_at, touch
-from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
+from xdynamics.march.assembly.narrow_phase import NOISE, reach_of
 from xdynamics.march.run import Run
 
 CANDIDATE, GAP, RATE, BOUNCE, SLACK, TARGET_RATE, IMPULSE, TOTAL, LOST, ACTS, BEFORE, OWN, EARLY, BIAS, ROUGH = range(
@@ -68,7 +68,7 @@ def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
     for i in range(assembly.coordinates):
         steep += abs(pattern.directions[0, i])
         size += abs(pattern.directions[0, i] * pattern.z[i])
-    reach = NOISE * size + 2.0 * steep * run.spans[FASTEST] * resolution_of(run, k, 0.0)
+    reach = reach_of(run, k)
     if gap > reach and not is_closed:
         return True
     if count >= run.touching.shape[0]:
