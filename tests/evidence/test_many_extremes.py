@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.evidence.diagnosing import extremes, states_inside
+from xdynamics.evidence.diagnosing import element_extremes, extremes
 
 CLUSTER = """
 name = "cluster"
@@ -29,6 +31,8 @@ r = "1*kilogram"
 [forces.springs]
 over = "pair"
 potential = "k*norm(second(r, pair) - first(r, pair), axis)**4/(1*metre)**2"
+[observables]
+spread = "r - mean(r, body)"
 [initial]
 r = { unit = "m", value = [[0.0, 0.1], [1.0, 0.0], [0.9, 1.1], [-0.2, 0.8]] }
 heat = { unit = "J", value = [0.1, 0.2, 0.3, 0.4] }
@@ -45,6 +49,10 @@ def run() -> xr.Dataset:
     return xd.simulate(xd.Model.from_text(CLUSTER))
 
 
+def told_apart(*_given: object) -> xr.Dataset:
+    raise AssertionError("elements were told apart")
+
+
 def found(run: xr.Dataset) -> xr.Dataset:
     """Return the extremes of what steps integrate."""
     diagnosis = xd.diagnose(run, companion=False)
@@ -52,29 +60,37 @@ def found(run: xr.Dataset) -> xr.Dataset:
     return diagnosis[[f"{word}{end}" for word in words for end in ("", "_time", "_rule", "_uncertainty")]]
 
 
-def test_rates_of_wholes_have_the_bits_of_elements(run: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert that extremes of a large model are those that expressions of single elements give, bit for bit."""
-    expected, rates, asked = found(run), states_inside.state_rates, []
-
-    def seen(*arguments: object) -> object:
-        asked.append(1)
-        return rates(*arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(states_inside, "state_rates", seen)
-    for module in (extremes, states_inside):
-        monkeypatch.setattr(module, "MOST_NAMES", 0)
-    large = found(run)
-    assert len(asked) > 1
-    assert (expected.maximum_v_r_rule == extremes.INTERPOLATED).any()
-    assert (expected.maximum_heat_rule == extremes.INTERPOLATED).any()
-    xr.testing.assert_identical(large.drop_attrs(deep=False), expected.drop_attrs(deep=False))
+@pytest.mark.parametrize("chunks", [None, 90])
+def test_elements_side_by_side_have_the_bits_of_elements(
+    run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: int | None
+) -> None:
+    """Assert that all that is diagnosed of a large model is what is diagnosed of single elements, bit for bit."""
+    if chunks:
+        xd.save(run, tmp_path / "run.nc")
+        run = xd.open_run(tmp_path / "run.nc", chunks={"step": chunks})
+    expected = xd.diagnose(run, of="r[2, y]", companion=chunks is None)
+    monkeypatch.setattr(element_extremes, "MOST_NAMES", 0)
+    monkeypatch.setattr("xdynamics.record.unfolding._elements", told_apart)
+    large = xd.diagnose(run, of="r[2, y]", companion=chunks is None)
+    for word in ("v_r", "heat"):
+        assert (expected[f"maximum_{word}_rule"] == extremes.INTERPOLATED).any()
+    assert {"energy_drift", "drift_spread", "drift_momentum_r", "maximum_heat"} <= {*large.data_vars}
+    assert large.sizes["cycle"] > 1
+    assert large.sizes["turn"] > 3
+    forces = [name for name in expected.data_vars if name not in large]
+    assert {str(name).split("_")[0] for name in forces} == {"maximum", "minimum"}  # of forces, energies and observables
+    xr.testing.assert_identical(large.drop_attrs(deep=False), expected.drop_vars(forces).drop_attrs(deep=False))
 
 
 def test_too_many_states_are_not_evaluated(run: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that extremes are then accepted states, off by no more than they are said to be."""
     between = found(run)
-    monkeypatch.setattr(extremes, "MOST_NUMBERS", 1)
+    for module in (extremes, element_extremes):
+        monkeypatch.setattr(module, "MOST_NUMBERS", 1)
     accepted = found(run)
+    monkeypatch.setattr(element_extremes, "MOST_NAMES", 0)
+    large = found(run)
+    xr.testing.assert_identical(large.drop_attrs(deep=False), accepted.drop_attrs(deep=False))
     for name in ("r", "v_r", "heat"):
         assert (accepted[f"maximum_{name}_rule"] == extremes.SAMPLED).all()
         np.testing.assert_array_equal(accepted[f"maximum_{name}"], run[name].max("step"))

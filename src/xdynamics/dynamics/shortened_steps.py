@@ -172,6 +172,18 @@ class Inside:
         """Evaluate the run at times within it, as `sampled` does: for those who ask again and again."""
         return self.dataset(times, *located(self._times, times, after=after))
 
+    def taken(self, states: xr.Dataset, name: str) -> Floats:
+        """Return a quantity of the state, or one element of it, at states that were evaluated."""
+        held = {str(key): variable for key, variable in states.variables.items()}
+        numbers: Floats = np.asarray(self.layout.used.taken(held, name))
+        return numbers
+
+    def error_taken(self, states: xr.Dataset, name: str) -> Floats:
+        """Return the error of a quantity of the state, or of one element of it, at states that were evaluated."""
+        errors = {block.name: states.variables[schema.error(block.name)] for block in self.quantities}
+        numbers: Floats = np.asarray(self.layout.used.taken(errors, name))
+        return numbers
+
     @cached_property
     def _times(self) -> AcceptedTimes:
         return AcceptedTimes(self.run.variables["time"])

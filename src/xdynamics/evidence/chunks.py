@@ -50,7 +50,7 @@ class Chunks(StoredColumns):
         kept = [
             str(name)
             for name, variable in run.variables.items()
-            if variable.dims == (STEPS,) and (name in needed or variable.attrs.get("role") in KEPT_ROLES)
+            if variable.dims[:1] == (STEPS,) and (name in needed or variable.attrs.get("role") in KEPT_ROLES)
         ]
         super().__init__(run, STEPS, kept=kept, room=most_megabytes() * 1e6, lasting=("time",))
 
@@ -94,7 +94,8 @@ class Chunks(StoredColumns):
         if not self.is_stored:
             return self.run, rows
         wanted = self._with_neighbours(np.unique(rows))
-        columns = {name: (STEPS, self.at(name, wanted), self.run.variables[name].attrs) for name in self._kept}
+        kept = {name: self.run.variables[name] for name in self._kept}
+        columns = {name: (own.dims, self.at(name, wanted), own.attrs) for name, own in kept.items()}
         others = {name: variable for name, variable in self.run.variables.items() if STEPS not in variable.dims}
         return xr.Dataset(others | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
 
@@ -102,7 +103,7 @@ class Chunks(StoredColumns):
         """Return a record of some of the variables in memory; those that are kept are not read again."""
         rows = np.arange(self.size)
         read = {
-            name: (STEPS, self.at(name, rows), run.variables[name].attrs)
+            name: (run.variables[name].dims, self.at(name, rows), run.variables[name].attrs)
             for name in self._kept
             if name in run.variables
         }
@@ -162,5 +163,5 @@ def with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
     return [
         str(name)
         for name in run.data_vars
-        if (variable := run.variables[name]).attrs.get("role") in roles and variable.dims == (STEPS,)
+        if (variable := run.variables[name]).attrs.get("role") in roles and variable.dims[:1] == (STEPS,)
     ]

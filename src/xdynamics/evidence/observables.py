@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.elementary import kept_set
-from xdynamics.evidence.observed_quantities import ObservedQuantities
-from xdynamics.expressions import Name, Node, free_names
+from xdynamics.evidence.observed_quantities import ObservedQuantities, given_to
+from xdynamics.expressions import Binary, Name, Node, free_names
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
@@ -22,7 +23,7 @@ from xdynamics.model.energies import potentials
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
-from xdynamics.model.whole import is_read_whole, potentials_of_wholes
+from xdynamics.model.whole import is_read_whole, potentials_of_wholes, written_out
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.named_elements import column
 from xdynamics.record.partial_records import log_description
@@ -179,12 +180,13 @@ def evaluated_whole(
 ) -> Floats:
     """Evaluate one recorded quantity at states inside steps, in SI units; see `evaluated_on`.
 
-    What a model with dimensions sums over many elements is evaluated as arrays.
+    What a model with dimensions sums over many elements is evaluated as arrays; shape (numbers, k) of a quantity that has
+    dimensions itself.
     """
     whole = _whole_of(run, model, [name], times, rows)
     if whole is not None:
-        values: Floats = whole.of_states(states)[0]
-        return values
+        values = whole.of_states(states)
+        return values if name in model.shapes.dims else values[0]
     return evaluated_on(run, model, [tree_of(model, name)], states, times, rows)[0]
 
 
@@ -194,7 +196,7 @@ def potentials_on(
     """Evaluate the potential energy of each force term that has one, in joules, at states as in `evaluated_on`."""
     whole = _whole_of(run, model, ["potential_energy"], times, rows)
     if whole is not None:
-        return whole.of_trees(potentials_of_wholes(model), states)
+        return {name: numbers[0] for name, numbers in whole.of_trees(potentials_of_wholes(model), states).items()}
     trees = potentials(model)
     return dict(zip(trees, evaluated_on(run, model, [*trees.values()], states, times, rows), strict=True))
 
@@ -214,12 +216,31 @@ def rate_on(
 def state_rates(
     run: xr.Dataset, model: Model, states: Mapping[str, Floats], times: Floats, rows: Rows
 ) -> dict[str, Floats] | None:
-    """Evaluate the rates of all variables along the motion, in SI units over seconds.
+    """Evaluate the rates of all variables along the motion by their quantities, shape (numbers, k), in SI units over seconds.
 
     None where they are to be evaluated one by one: see `ObservedQuantities`.
     """
     whole = _whole_of(run, model, (), times, rows)
     return None if whole is None else whole.state_rates(states)
+
+
+def knows_state_rates(run: xr.Dataset, model: Model) -> bool:
+    """Whether `state_rates` are known of a run."""
+    whole = _whole_of(run, model, (), np.zeros(0), np.zeros(0, np.int64))
+    return whole is not None and whole.knows_rates
+
+
+def momenta_on(
+    run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
+) -> Floats:
+    """Evaluate the mass of a coordinate with dimensions times its velocity at states inside steps: (numbers, k), SI."""
+    whole, speed = _whole_of(run, model, (), times, rows), schema.velocity(name)
+    number = [*model.shaped.coordinates].index(name)
+    mass = written_out(model, model.shaped.mass[number][number])
+    given = given_to(model, [mass])
+    assert whole is not None and given is not None  # noqa: S101, PT018 - the rates of the state are known
+    whole = replace(whole, values={**whole.values, **given})
+    return whole.of_trees({speed: Binary("*", mass, Name(speed))}, states)[speed]
 
 
 def _whole_of(

@@ -82,9 +82,12 @@ class ObservedQuantities:
         )
 
     def of_trees(self, trees: Mapping[str, Node], states: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Evaluate numbers that read no more than the elements do, at states in recorded units: shape (k,) each, SI."""
+        """Evaluate expressions that read no more than the elements do, at states in recorded units: shape (numbers, k), SI.
+
+        Each has the dimensions of the quantity whose name it has.
+        """
         found = [here.evaluated(trees, here.gathered(states, part)) for part, here in self._parts()]
-        return {name: np.concatenate([values[name][0] for values in found]) for name in trees}
+        return {name: np.concatenate([values[name] for values in found], axis=1) for name in trees}
 
     def with_errors(self, states: Mapping[str, Floats], errors: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Evaluate the elements, and how much the error of each number of the state moves them, added up.
@@ -112,12 +115,9 @@ class ObservedQuantities:
 
         None where forces read what is not known of the state alone.
         """
-        if self.model.python_functions:
+        if (known := self._motion) is None:
             return None
-        motion = motion_of_wholes(self.model)
-        given = given_to(self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion])
-        if given is None:
-            return None
+        motion, given = known
         found = []
         for part, here in self._parts():
             values, shapes = here.along_motion(motion, given, here.gathered(states, part))
@@ -127,27 +127,38 @@ class ObservedQuantities:
             found.append(here.chosen({name: numbers.reshape(-1, here.count) for name, numbers in rates.items()}))
         return np.concatenate(found, axis=1)
 
-    def state_rates(self, states: Mapping[str, Floats]) -> dict[str, Floats] | None:
-        """Evaluate the rates of all elements of the state, at states in recorded units, in SI units; None as in `rates`."""
+    @property
+    def knows_rates(self) -> bool:
+        """Whether forces read nothing but what is known of the state."""
+        return self._motion is not None
+
+    @cached_property
+    def _motion(self) -> tuple[list[Quantity], dict[str, Floats | float]] | None:
+        """Forces, accelerations and rates, and the parameters that they read."""
         if self.model.python_functions:
             return None
         motion = motion_of_wholes(self.model)
         given = given_to(self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion])
-        if given is None:
+        return None if given is None else (motion, given)
+
+    def state_rates(self, states: Mapping[str, Floats]) -> dict[str, Floats] | None:
+        """Evaluate the rates of the state along the motion, at states in recorded units, by its quantities.
+
+        Shape (numbers, k) each, in SI units; None as in `rates`.
+        """
+        if (known := self._motion) is None:
             return None
+        motion, given = known
         of_block = {velocity(name): acceleration(name) for name in self.model.shaped.coordinates}
         of_block |= {name: velocity(name) for name in self.model.shaped.coordinates}
         of_block |= {name: rate(name) for name in self.model.shaped.states}
         blocks = layout_of(self.model).used.blocks
-        names = {block.name: [*block.elements()] if block.dims else [block.name] for block in blocks}
-        found: dict[str, list[Floats]] = {name: [] for elements in names.values() for name in elements}
+        found: dict[str, list[Floats]] = {block.name: [] for block in blocks}
         for part, here in self._parts():
             values, _ = here.along_motion(motion, given, here.gathered(states, part))
             for block in blocks:
-                numbers = np.reshape(values[of_block[block.name]], (-1, here.count))
-                for name, row in zip(names[block.name], numbers, strict=True):
-                    found[name].append(row)
-        return {name: np.concatenate(rows) for name, rows in found.items()}
+                found[block.name].append(np.reshape(values[of_block[block.name]], (-1, here.count)))
+        return {name: np.concatenate(numbers, axis=1) for name, numbers in found.items()}
 
     def along_motion(
         self, motion: Sequence[Quantity], given: Mapping[str, Floats | float], states: Mapping[str, Floats]

@@ -1,7 +1,7 @@
 """Variables along a dimension as they are stored: in memory, or in chunks of a file, each of which is read once.
 
-Elements of a quantity with dimensions are variables of their own that lie in the same chunks: whichever is read first, the
-others are taken from the chunk, too.
+Where elements of a quantity with dimensions are variables of their own they lie in the same chunks: whichever is read first,
+the others are taken from the chunk, too.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.record import named_elements
 from xdynamics.runtime.cached_properties import cached_property
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class RowRange:
         The first row of the part itself, and how many it has.
     before : int
         How many rows of the columns lie before it: 0 or 1.
-    columns : dict of str to ndarray, shape (before + count + 0 or 1,)
+    columns : dict of str to ndarray, shape (before + count + 0 or 1, ...)
     """
 
     first: int
@@ -97,14 +98,14 @@ class StoredColumns:
             begin, end = column.borders[chunk : chunk + 2].tolist()
             self._read([column], begin, end)
             part = column.stretch(begin, end)
-            values = np.empty(rows.shape, part.dtype) if values is None else values
+            values = np.empty((*rows.shape, *part.shape[1:]), part.dtype) if values is None else values
             values[chunks == chunk] = part[rows[chunks == chunk] - begin]
             self._forget(column, end)
-        return np.zeros(rows.shape) if values is None else values
+        return np.zeros((*rows.shape, *column.variable.shape[1:])) if values is None else values
 
     def _column(self, name: str) -> _Column:
         if name not in self._columns:
-            self._columns[name] = _Column(name, self.run.variables[name])
+            self._columns[name] = _Column(name, named_elements.column(self.run, name))
         return self._columns[name]
 
     @cached_property
@@ -176,7 +177,7 @@ class _Column:
     kept: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        sizes = self.variable.chunks[0] if self.variable.chunks else self.variable.shape
+        sizes = self.variable.chunks[0] if self.variable.chunks else self.variable.shape[:1]
         self.borders = np.concatenate([[0], np.cumsum([size for size in sizes if size])]).astype(np.int64)
         self._places = [k for k, size in enumerate(sizes) if size]
         if not self.variable.chunks:

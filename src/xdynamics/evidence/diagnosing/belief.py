@@ -42,7 +42,8 @@ def _until(rows: Chunks, tighter: Companion) -> float:
     lost = np.zeros(times.size, bool)
     for name, (least, most) in spans(rows, with_roles(run, ("coordinate", "velocity", "state"))).items():
         span = most - least
-        lost |= np.abs(np.asarray(states.variables[global_error(name)])) > BELIEVED * span if span > 0.0 else False
+        far = (np.abs(np.asarray(states.variables[global_error(name)])) > BELIEVED * span) & (span > 0.0)
+        lost |= far.reshape(times.size, -1).any(axis=1)
     stays = lost & np.append(lost[1:], lost[-1:])  # a single time may lie between two occurrences of the same impact
     return float(times[int(np.argmax(stays))]) if stays.any() else end
 

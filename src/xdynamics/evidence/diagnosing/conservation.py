@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,11 +16,15 @@ from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.diagnosing.cycles import Cycles
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.observables import comparable, evaluated_on, evaluated_whole
+from xdynamics.evidence.observables import evaluated_on, evaluated_whole, is_comparable, momenta_on
 from xdynamics.expressions import Binary, Name, Node, dimension_of
+from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.model.whole import written_out
+from xdynamics.record.folding import model_dimensions
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes.trees import at
 from xdynamics.units import parse_unit, spell
 
 if TYPE_CHECKING:
@@ -30,6 +35,7 @@ Rows = NDArray[np.int64]
 Functions = Mapping[str, Callable[..., float]]
 
 ROLE = "diagnostic"
+MOST_NUMBERS = 1 << 22  # of momenta that are computed at once
 MEANT = 512  # of a cycle, from which a mean is computed, in addition to accepted states
 BANDED = ("energy", "observable")  # roles of quantities that may be conserved
 
@@ -38,26 +44,25 @@ def bands(rows: Chunks) -> Iterator[tuple[str, Any]]:
     """Yield the range of quantities that may be conserved."""
     for name, (low, high) in spans(rows, with_roles(rows.run, BANDED)).items():
         units = str(rows.run.variables[name].attrs["units"])
+        dims = rows.run.variables[name].dims[1:]
         yield (
             _band(name),
-            ((), high - low + 0.0, about(units, f"largest less least {name} of the accepted states", ROLE)),
+            (dims, high - low + 0.0, about(units, f"largest less least {name} of the accepted states", ROLE)),
         )
 
 
-def spans(rows: Chunks, names: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return the least and the greatest number of columns."""
-    spans = dict.fromkeys(names, (np.nan, np.nan))
+def spans(rows: Chunks, names: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
+    """Return the least and the greatest number of columns, of each element of a quantity its own."""
+    spans = {name: (np.full(rows.run.variables[name].shape[1:], np.nan),) * 2 for name in names}
     for part in rows.parts(*names) if names else ():
-        spans = {name: _span([np.array(span), part.own(name)]) for name, span in spans.items()}
+        spans = {name: _wider(span, part.own(name)) for name, span in spans.items()}
     return spans
 
 
-def _span(parts: Iterable[Floats]) -> tuple[float, float]:
-    """Return the least and the greatest number; what is no number is passed over."""
-    low = high = np.nan
-    for values in parts:
-        low, high = np.fmin(low, np.fmin.reduce(values)), np.fmax(high, np.fmax.reduce(values))
-    return float(low), float(high)
+def _wider(span: tuple[Floats, Floats], values: Floats) -> tuple[Floats, Floats]:
+    """Return the least and the greatest number of a span and further rows; what is no number is passed over."""
+    low, high = span
+    return np.fmin(low, np.fmin.reduce(values)), np.fmax(high, np.fmax.reduce(values))
 
 
 def _band(name: str) -> str:
@@ -78,78 +83,119 @@ class _Watched:
         Whether it is known at states between rows.
     factor : float
         Of its column's unit.
+    dims, shape : tuple of str, tuple of int
+        Of a quantity with dimensions.
+    momentum_of : str
+        The coordinate with dimensions whose momentum it is.
     """
 
     name: str
     tree: Node | None = None
     is_computed: bool = True
     factor: float = 1.0
+    dims: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+    momentum_of: str = ""
 
     def on(self, run: xr.Dataset, model: Model, rows: Rows) -> Floats:
-        """Return the quantity in rows of a record in memory, in SI units."""
+        """Return the quantity in rows of a record in memory, in SI units: shape (..., k), its elements first."""
         if self.name:
-            recorded: Floats = np.asarray(run.variables[self.name])[rows] * self.factor
-            return recorded
-        states = {name: run.variables[name].values[rows] for name in self.read(model)}
+            recorded = np.asarray(run.variables[self.name])[rows] * self.factor
+            along: Floats = recorded if recorded.ndim == 1 else recorded.reshape(len(recorded), -1).T
+            return along
+        states = {name: run.variables[name].values[rows] for name in self.read(run, model)}
         return self.at_states(run, model, states, run.variables["time"].values[rows], rows)
 
     def at_states(
         self, run: xr.Dataset, model: Model, states: Mapping[str, Floats], times: Floats, rows: Rows
     ) -> Floats:
-        """Return the quantity at states inside steps, in SI units."""
+        """Return the quantity at states inside steps, in SI units: shape (..., k)."""
+        if self.momentum_of:
+            return momenta_on(run, model, self.momentum_of, states, times, rows)
         if self.tree is None:
             return evaluated_whole(run, model, self.name, states, times, rows)
         return evaluated_on(run, model, [self.tree], states, times, rows)[0]
 
-    def read(self, model: Model) -> list[str]:
+    def read(self, run: xr.Dataset, model: Model) -> list[str]:
         """Return the coordinates, velocities and states that its tree reads: of a momentum a few, of others maybe all."""
+        if model_dimensions(run):
+            return [block.name for block in layout_of(model).used.blocks]
         read = model.units if self.tree is None else model.reads(self.tree)
         return [name for name in read if name in model.units]
+
+    def span(self, rows: Chunks) -> tuple[Floats, Floats]:
+        """Return its least and its greatest value in all rows."""
+        found = (np.full(self.shape, np.nan),) * 2
+        most = max(1, MOST_NUMBERS // max(1, prod(self.shape)))
+        for run, here in rows.stretches():
+            for begin in range(0, here.size, most):
+                found = _wider(found, self.on(run, rows.model, here[begin : begin + most]).T.reshape(-1, *self.shape))
+        return found
 
 
 def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None) -> Iterator[tuple[str, Any]]:
     """Yield the drift of quantities that may be conserved, and ranges and drifts of momenta."""
-    run, model = rows.run, rows.model
-    observables, cycles = comparable(model), list[_Cycle]()
+    run, model, cycles = rows.run, rows.model, list[_Cycle]()
     if counted is not None and len(counted.times) >= 3 and not isinstance(rows, Unread):
         times = counted.times.tolist()
         cycles = [_Cycle(rows, begin, end, functions) for begin, end in (times[:2], times[-2:])]
     for name in with_roles(run, BANDED):
-        units = parse_unit(str(run.variables[name].attrs["units"]))
-        watched = _Watched(name, is_computed=name in observables, factor=float(units.factor))
+        own = run.variables[name]
+        units = parse_unit(str(own.attrs["units"]))
+        factor, known = float(units.factor), is_comparable(model, name)
+        dims = tuple(map(str, own.dims[1:]))
+        watched = _Watched(name, is_computed=known, factor=factor, dims=dims, shape=own.shape[1:])
         drift, rule = _drift(rows, watched, cycles)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
-        yield key, ((), drift / float(units.factor), about(units.text, f"{name}: {rule}", ROLE))
-    coordinates = list(model.coordinates)
-    if not coordinates or model.python_functions:
+        yield key, (watched.dims, drift / factor, about(units.text, f"{name}: {rule}", ROLE))
+    if model.python_functions:
         return
+    for name, mass, momentum in _momenta_of_wholes(model) if model_dimensions(run) else _momenta(model):
+        low, high = momentum.span(rows)
+        units = spell(dimension_of(mass, model.dimensions) * model.dimensions[schema.velocity(name)])
+        drift, rule = _drift(rows, momentum, cycles)
+        of = momentum.momentum_of or name
+        said = f"largest less least momentum of {of}, (M v)"
+        yield f"band_momentum_{of}", (momentum.dims, high - low + 0.0, about(units.text, said, ROLE))
+        yield f"drift_momentum_{of}", (momentum.dims, drift, about(units.text, f"momentum of {of}: {rule}", ROLE))
+
+
+def _momenta(model: Model) -> Iterator[tuple[str, Node, _Watched]]:
+    """Yield each coordinate, its mass, and its momentum."""
+    coordinates = list(model.coordinates)
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     for i, name in enumerate(coordinates):
         terms: list[Node] = [
             Binary("*", mass, Name(schema.velocity(coordinates[j]))) for (k, j), mass in entries.items() if k == i
         ]
-        momentum = _Watched("", reduce(lambda left, right: Binary("+", left, right), terms))
-        low, high = _span(momentum.on(stretch, model, here) for stretch, here in rows.stretches())
-        mass = dimension_of(model.expanded(model.statement.mass_entries[i, i]), model.dimensions)
-        units = spell(mass * model.dimensions[schema.velocity(name)])
-        drift, rule = _drift(rows, momentum, cycles)
-        yield (
-            f"band_momentum_{name}",
-            ((), high - low + 0.0, about(units.text, f"largest less least momentum of {name}, (M v)", ROLE)),
-        )
-        yield f"drift_momentum_{name}", ((), drift, about(units.text, f"momentum of {name}: {rule}", ROLE))
+        yield name, entries[i, i], _Watched("", reduce(lambda left, right: Binary("+", left, right), terms))
 
 
-def _drift(rows: Chunks, watched: _Watched, cycles: Sequence[_Cycle]) -> tuple[float, str]:
+def _momenta_of_wholes(model: Model) -> Iterator[tuple[str, Node, _Watched]]:
+    """Yield for each coordinate with dimensions its first element, that element's mass, and all momenta."""
+    for number, name in enumerate(model.shaped.coordinates):
+        block = layout_of(model).used.block(name)
+        place = next(iter(model.shapes.places(block.dims)))
+        mass = at(written_out(model, model.shaped.mass[number][number]), place, model.shapes)
+        yield block.first, mass, _Watched("", dims=block.dims, shape=block.shape, momentum_of=name)
+
+
+def _drift(rows: Chunks, watched: _Watched, cycles: Sequence[_Cycle]) -> tuple[Floats, str]:
     """Return the drift of a quantity, averaged over a cycle where there are cycles, and its rule in words."""
     if isinstance(rows, Unread):
-        return np.nan, "mean over the last cycle less that over the first; without cycles, at the end less at the start"
-    if not cycles:
+        unknown = np.full(watched.shape, np.nan)
+        return (
+            unknown,
+            "mean over the last cycle less that over the first; without cycles, at the end less at the start",
+        )
+    if cycles:
+        first, last = (cycle.mean(watched) for cycle in cycles)
+        rule = "mean over the last cycle less that over the first"
+    else:
         run, ends = rows.near([0, rows.size - 1])
-        first, last = watched.on(run, rows.model, ends)
-        return float(last - first), "at the end less at the start"
-    first, last = (cycle.mean(watched) for cycle in cycles)
-    return last - first, "mean over the last cycle less that over the first"
+        first, last = np.moveaxis(watched.on(run, rows.model, ends), -1, 0)
+        rule = "at the end less at the start"
+    return np.reshape(last - first, watched.shape), rule
 
 
 class _Cycle:
@@ -175,18 +221,22 @@ class _Cycle:
         """States at times that a mean is taken over, found once for all quantities."""
         return sampled(self._run, self._times, after=True, rule=REINTEGRATE, functions=self._functions)
 
-    def mean(self, watched: _Watched) -> float:
+    def mean(self, watched: _Watched) -> Floats:
         """Return the mean over time, by the trapezoidal rule over accepted states and states between them."""
         run, model, time, times = self._run, self._model, self._time, self._times
         if not watched.is_computed:
-            between = np.interp(times, time, watched.on(run, model, np.arange(time.size)))
+            recorded = np.atleast_2d(watched.on(run, model, np.arange(time.size)))
+            between = np.stack([np.interp(times, time, own) for own in recorded]).reshape(-1, times.size)
+            between = between if watched.shape else between[0]
             numbers = np.searchsorted(time, times, side="right") - 1
         else:
-            states = {name: self._between.variables[name].values for name in watched.read(model)}
+            states = {name: self._between.variables[name].values for name in watched.read(run, model)}
             numbers = self._between.variables["row"].values
             between = watched.at_states(run, model, states, times, numbers)
         inner = self._inner
         order = np.lexsort((np.concatenate([numbers + 0.5, inner]), np.concatenate([times, time[inner]])))
         values = watched.on(run, model, inner)
-        t, y = (np.concatenate(pair)[order] for pair in ((times, time[inner]), (between, values)))
-        return float(np.trapezoid(y, t) / (times[-1] - times[0]))
+        t = np.concatenate([times, time[inner]])[order]
+        y = np.ascontiguousarray(np.concatenate([between, values], axis=-1)[..., order])  # sums are as of one element
+        mean: Floats = np.trapezoid(y, t) / (times[-1] - times[0])
+        return mean

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.chunks import Chunks
-from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.record.named_elements import find_column
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -138,7 +140,8 @@ def check_coordinate(record: xr.Dataset, name: str) -> None:
     InputError
         Naming those that it has.
     """
-    if name not in record.variables or record[name].attrs.get("role") != "coordinate":
+    known = find_column(record, name)
+    if known is None or known.attrs.get("role") != "coordinate" or known.ndim > 1:
         coordinates = [
             str(coordinate)
             for coordinate, variable in record.data_vars.items()
@@ -223,25 +226,24 @@ def _located(
 ) -> tuple[Floats, Floats]:
     """Locate all crossings at once, by Newton steps that stay inside brackets, and by bisection."""
     run, _ = rows.near(np.concatenate([risen, risen + 1]))
-    (low, high), (before, after) = (rows.at(column, np.stack([risen, risen + 1])) for column in ("time", name))
-    speed = schema.velocity(name)
+    (low, high), (before, after) = (rows.at(own, np.stack([risen, risen + 1])) for own in ("time", name))
+    inside, speed = Inside.of(run, functions, REINTEGRATE), schema.velocity(name)
     here = low + (high - low) * (level - before) / (after - before)
     for turn in range(TURNS):
-        at = sample(run, here, side="before", functions=functions)
-        off, slope = at[name].values - level, at[speed].values
+        at = inside.at(here, after=False)
+        off, slope = inside.taken(at, name) - level, inside.taken(at, speed)
         low, high = np.where(off < 0.0, here, low), np.where(off < 0.0, high, here)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = here - off / slope
         # a step as small as rounding ends where it began, at an end of the bracket: halving would restart the search
-        inside = (newton >= low) & (newton <= high) & (turn % 8 != 7)
-        there = np.where(off == 0.0, here, np.where(inside, newton, (low + high) / 2.0))
+        bracketed = (newton >= low) & (newton <= high) & (turn % 8 != 7)
+        there = np.where(off == 0.0, here, np.where(bracketed, newton, (low + high) / 2.0))
         small = np.abs(there - here) <= 2.0 * EPS * np.maximum(np.abs(here), high - low)
         here = there
         if small.all():
             break
-    at = sample(run, here, side="before", functions=functions)
+    at = inside.at(here, after=False)
+    value, slope = (inside.taken(at, own) for own in (name, speed))
     with np.errstate(divide="ignore", invalid="ignore"):
-        uncertainty = (np.abs(at[schema.error(name)].values) + np.abs(at[name].values - level)) / np.abs(
-            at[speed].values
-        )
+        uncertainty = (np.abs(inside.error_taken(at, name)) + np.abs(value - level)) / np.abs(slope)
     return here, uncertainty + EPS * np.abs(here)

@@ -17,6 +17,7 @@ from xdynamics.evidence.diagnosing import chaos
 from xdynamics.evidence.diagnosing.belief import believed
 from xdynamics.evidence.diagnosing.closed_forms import residuals
 from xdynamics.evidence.diagnosing.conservation import ROLE, bands, conserved
+from xdynamics.evidence.diagnosing.element_extremes import extremes_by_quantities, has_many_elements
 from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
 from xdynamics.evidence.diagnosing.phases import (
     along_cycles,
@@ -28,10 +29,13 @@ from xdynamics.evidence.diagnosing.phases import (
 from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, relative_uncertainty, stated
 from xdynamics.evidence.run_tasks import task_of_runs
+from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
 from xdynamics.faults import InputError, written
-from xdynamics.record import check, check_kind, of_elements, unfold
+from xdynamics.record import check, check_kind, shapes_of, unfold
+from xdynamics.record.folding import fold, labelled, model_dimensions
+from xdynamics.record.named_elements import column
 from xdynamics.record.partial_records import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
@@ -56,7 +60,6 @@ RELATIVE = "relative_uncertainty"  # attribute: what tolerances and uncertain in
 OF_RANGES = ("maximum_", "minimum_", "band_", "drift_")
 
 
-@of_elements
 def diagnose(
     run: xr.Dataset,
     *,
@@ -154,16 +157,20 @@ def diagnose(
     call = partial(_diagnosed, request, tighter)
     task = task_of_runs("diagnosis", call, (run,), *request.words, needs=tuple(needs))
     if compute:
-        found: xr.Dataset = results_of(task)[0]
-        return found
+        return _labelled(results_of(task)[0], run)
     if request.occurrences is None and with_roles(run, ("coordinate",)):
         raise InputError(
             "how many cycles a run has is known only once it is marched and read; give the number to list, like"
             " occurrences=10"
         )
-    rows = Unread(run, model_of(run, functions), request.occurrences or 0)
-    beside = None if tighter is None else tighter.beside(run, run, functions)
-    return lazy(Stage(_dataset(request, rows, beside, None, ()), task))
+    rows = Unread(unfold(run), model_of(run, functions), request.occurrences or 0)
+    beside = None if tighter is None else tighter.beside(rows.run, rows.run, functions)
+    return _labelled(lazy(Stage(_dataset(request, rows, beside, None, ()), task)), run)
+
+
+def _labelled(found: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
+    """Return a diagnosis with the labels of the run's dimensions."""
+    return labelled(fold(found, shapes_of(run))) if model_dimensions(run) else found
 
 
 @dataclass(frozen=True)
@@ -188,11 +195,15 @@ class DiagnosisRequest:
 
 def _diagnosed(request: DiagnosisRequest, tighter: Tighter | None, run: xr.Dataset, *marched: xr.Dataset) -> xr.Dataset:
     """Diagnose a run beside a tighter and a nearly exact one, where they are marched."""
-    others, functions = map(unfold, marched), request.functions
-    run = unfold(run)
+    functions = request.functions
+    model = model_of(run, functions)
+    run = by_quantities(run, functions)
+    if request.exact or request.lyapunov is not False or not has_many_elements(run, model):
+        run, marched = unfold(run), tuple(map(unfold, marched))
+    others = iter(marched)
     beside = None if tighter is None else tighter.beside(run, next(others), functions)
     digests = [archive.digest_of_run(entry) for entry in (run, *([] if beside is None else [beside.run]))]
-    rows = Chunks(run, model_of(run, functions))
+    rows = Chunks(run, model)
     return _dataset(request, rows, beside, next(others, None), digests)
 
 
@@ -214,7 +225,7 @@ def _dataset(
         ideal, source = reference_times(rows, counted, request.reference, tighter, exact_run, functions)
         turning = turns(rows, counted.name, functions)
         variables |= along_cycles(rows, counted, ideal, turning, functions) | turning
-        units = str(run[counted.name].attrs["units"])
+        units = str(column(run, counted.name).attrs["units"])
         attributes |= {"coordinate": counted.name, "level_units": units}
         rule = {"level": counted.level, "level_rule": counted.rule, "maxima": counted.maxima, "reference": source}
         rule |= {"cycle_doubt": counted.doubt}
@@ -225,7 +236,10 @@ def _dataset(
                 for name, text in SAID.items()
             }
     variables = listed(variables, request.occurrences)
-    variables |= extremes_of(rows, sought(run, rows.model), functions)
+    if model_dimensions(run):
+        variables |= extremes_by_quantities(rows, functions)
+    else:
+        variables |= extremes_of(rows, sought(run, rows.model), functions)
     variables |= dict(residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:
         variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))

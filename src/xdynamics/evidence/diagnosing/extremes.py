@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.evidence.chunks import Chunks
-from xdynamics.evidence.diagnosing.states_inside import MOST_NAMES, QuantitiesInside, StatesInside, column, parts_of
+from xdynamics.evidence.diagnosing.states_inside import QuantitiesInside, StatesInside, column, parts_of
 from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
+from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.evidence.stored_columns import RowRange
 from xdynamics.methods.scheme import REINTEGRATE
@@ -35,6 +36,7 @@ RULES = ("sampled", "interpolated", "located")
 SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
 RULE_SAID = "an accepted state, a state between, or one at an event"
 DOUBT_SAID = "what interpolation may have {} off; the error of the integration is not in it"
+MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
 MOST_NUMBERS = 1 << 24  # of states inside steps of a model with dimensions, above which accepted ones alone are used
 
 
@@ -93,7 +95,7 @@ def extremes(
         asked = sum(item.size for item in times)
         if not asked:
             break
-        if inside is None and rows.model.shapes.dims and asked * _numbers(rows.model) > MOST_NUMBERS:
+        if inside is None and rows.model.shapes.dims and asked * numbers_inside(rows.model) > MOST_NUMBERS:
             searches = [
                 (_accepted(heights, search), search) for heights, (_, search) in zip(found, searches, strict=True)
             ]
@@ -180,12 +182,6 @@ def _begun(
 ) -> list[tuple[Extreme, Summits]]:
     """Return the best accepted states, and the searches of the steps around each hump, whose rows are at these places."""
     sizes = [heights.rows.size for heights in found]
-    distinct, inverse = np.unique(places, return_inverse=True)
-    at_rows = {variable: column(quantities.run, variable)[distinct] for variable in rows.model.units}
-    wholes = quantities.of_wholes(at_rows, column(quantities.run, "time")[distinct], distinct)
-    if wholes is not None:
-        chosen = zip(found, parts_of(sizes), strict=True)
-        return [_search(rows, heights, wholes[heights.name][inverse[part]]) for heights, part in chosen]
     states = {variable: column(quantities.run, variable)[places] for variable in rows.model.units}
     times = np.concatenate([heights.times.ravel() for heights in found])
     unknown = [np.zeros(0)] * len(found)
@@ -193,7 +189,7 @@ def _begun(
     return [_search(rows, heights, rate) for heights, rate in zip(found, rates, strict=True)]
 
 
-def _numbers(model: Model) -> int:
+def numbers_inside(model: Model) -> int:
     """Count the numbers that one state inside a step takes: its values, their errors, all links."""
     return 2 * len(model.units) + widest(model)
 
@@ -225,7 +221,7 @@ def _search(rows: Chunks, heights: _Heights, rates: Floats) -> tuple[Extreme, Su
 def _accepted(heights: _Heights, search: Summits) -> Extreme:
     """Return the best accepted state, and how far parabola and tangents exceed it."""
     best = heights.accepted()
-    return best._replace(uncertainty=max(best.uncertainty, search.open_height))
+    return best._replace(uncertainty=max(best.uncertainty, float(search.open_heights[0])))
 
 
 def _settled(best: Extreme, search: Summits) -> Extreme:
@@ -276,35 +272,32 @@ def sought(run: xr.Dataset, model: Model) -> list[str]:
 
 def extremes_of(rows: Chunks, names: Sequence[str], functions: Functions | None) -> dict[str, tuple[Any, ...]]:
     """Return the largest and the least value of quantities as variables of a Dataset."""
-    run = rows.run
     variables: dict[str, tuple[Any, ...]] = {}
-    rules, time_unit = schema.flags(dict(enumerate(RULES))), str(run.variables["time"].attrs["units"])
     wanted = [(name, sign) for name in names for sign in (1.0, -1.0)]
     for (name, sign), result in zip(wanted, extremes(rows, wanted, functions), strict=True):
-        units, word, adjective = (
-            str(run.variables[name].attrs["units"]),
-            *(("maximum", "largest") if sign > 0 else ("minimum", "least")),
-        )
-        variables |= {
-            f"{word}_{name}": (
-                (),
-                result.value,
-                {"units": units, "long_name": f"{adjective} {name} of the run", "role": "diagnostic"},
-            ),
-            f"{word}_{name}_time": (
-                (),
-                result.time,
-                {"units": time_unit, "long_name": f"when {name} was {adjective}", "role": "diagnostic"},
-            ),
-            f"{word}_{name}_rule": (
-                (),
-                np.int8(result.rule),
-                {"units": "1", "long_name": RULE_SAID, "role": "flag"} | rules,
-            ),
-            f"{word}_{name}_uncertainty": (
-                (),
-                result.uncertainty,
-                {"units": units, "long_name": DOUBT_SAID.format(f"{word}_{name}"), "role": "error"},
-            ),
-        }
+        variables |= extreme_variables(rows.run, name, sign, result)
     return variables
+
+
+def extreme_variables(
+    run: xr.Dataset, name: str, sign: float, result: tuple[Any, Any, Any, Any]
+) -> dict[str, tuple[Any, ...]]:
+    """Return an extreme as variables of a Dataset; of a quantity with dimensions those of its elements, along these."""
+    own = run.variables[name]
+    dims, shape, units = own.dims[1:], own.shape[1:], str(own.attrs["units"])
+    word, adjective = ("maximum", "largest") if sign > 0 else ("minimum", "least")
+    most, time_unit = f"{word}_{name}", str(run.variables["time"].attrs["units"])
+    numbers = [np.reshape(number, shape) if shape else number for number in result]
+    of_rule = about("1", RULE_SAID, "flag") | schema.flags(dict(enumerate(RULES)))
+    described = {
+        "": about(units, f"{adjective} {name} of the run", "diagnostic"),
+        "_time": about(time_unit, f"when {name} was {adjective}", "diagnostic"),
+        "_rule": of_rule,
+        "_uncertainty": about(units, DOUBT_SAID.format(most), "error"),
+    }
+    patterns = {end: {schema.ELEMENT_NAME: f"{most}{{}}{end}"} if shape and end else {} for end in described}
+    numbers[2] = np.int8(numbers[2])
+    return {
+        f"{most}{end}": (dims, number, attributes | patterns[end])
+        for (end, attributes), number in zip(described.items(), numbers, strict=True)
+    }

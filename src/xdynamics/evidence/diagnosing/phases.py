@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, check_whole
 from xdynamics.evidence.diagnosing.conservation import ROLE
@@ -23,6 +23,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import column, find_column
 from xdynamics.schema import CYCLE
 from xdynamics.units import parse_quantity, parse_unit, time_in, unit_suffix
 
@@ -48,9 +49,9 @@ def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Function
     names = with_roles(run, ("coordinate",))
     if of is None and not names:
         return None
-    name = of or names[0]
-    if level is not None and name in run.variables:
-        unit = parse_unit(str(run[name].attrs["units"]))
+    name = of or next(iter(rows.model.coordinates))
+    if level is not None and (counted := find_column(run, name)) is not None:
+        unit = parse_unit(str(counted.attrs["units"]))
         quantity = parse_quantity(level)
         if isinstance(level, str) and quantity.unit.dimension != unit.dimension:
             raise InputError(f"level is {level!r}, needs the unit '{unit.text}' of '{name}'")
@@ -139,7 +140,7 @@ def along_cycles(
             amplitude[k] = max(amplitude[k], float(np.ptp(turning["turning_point"][1][begin:end])) / 2.0)
     with np.errstate(invalid="ignore"):
         offsets = TURN * (reference[1:] - counted.times[1:]) / np.diff(reference)
-    units, speed = (str(run[variable].attrs["units"]) for variable in (name, schema.velocity(name)))
+    units, speed = (str(column(run, own).attrs["units"]) for own in (name, schema.velocity(name)))
     uncertainties, seconds = counted.uncertainties, time_unit(run).text
     dims = (CYCLE,)
     return {
@@ -181,9 +182,10 @@ def _parts_of_cycles(rows: Chunks, counted: Cycles, functions: Functions | None)
         time = np.asarray(stretch["time"])
         inside = (parts >= time[here[0]]) & (parts < time[here[-1] + 1] if here[-1] + 1 < time.size else True)
         if inside.any():
-            states = sampled(stretch, parts[inside], after=True, rule=REINTEGRATE, functions=functions)
-            columns = counted.name, schema.velocity(counted.name)
-            states_of_parts[:, inside] = [np.asarray(states[column]) for column in columns]
+            steps = Inside.of(stretch, functions, REINTEGRATE)
+            states = steps.at(parts[inside], after=True)
+            names = counted.name, schema.velocity(counted.name)
+            states_of_parts[:, inside] = [steps.taken(states, name) for name in names]
     return states_of_parts
 
 

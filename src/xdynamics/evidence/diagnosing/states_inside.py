@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.evidence.observables import evaluated_on, rate_tree, state_rates, tree_of
+from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
 from xdynamics.expressions import Node
 from xdynamics.model import Model
 from xdynamics.model.mass import Assignment
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
-
-MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
 
 
 @dataclass(frozen=True)
@@ -103,16 +101,8 @@ class QuantitiesInside:
 
     def rates(self, states: StatesInside, values: Sequence[Floats]) -> list[Floats]:
         """Return the rate of each; its own value where none is known."""
-        if (wholes := self.of_wholes(states.variables, states.times, states.rows)) is not None:
-            return [wholes[name][part] for name, part in zip(self.names, states.parts, strict=True)]
         found = self._evaluated(self._rate_trees, states, states.variables)
         return [value if rate is None else rate for value, rate in zip(values, found, strict=True)]
-
-    def of_wholes(self, variables: Mapping[str, Floats], times: Floats, rows: Rows) -> dict[str, Floats] | None:
-        """Return the rates of all variables of a large model at states, without an expression for each; None of others."""
-        if len(self.names) <= 2 * MOST_NAMES or any(name not in self.model.units for name in self.names):
-            return None
-        return state_rates(self.run, self.model, variables, times, rows)
 
     def errors(self, states: StatesInside, values: Sequence[Floats]) -> list[Floats]:
         """Return how far the errors of the variables move each."""

@@ -65,9 +65,11 @@ class Summits:
         return np.concatenate([self.members, np.tile(self.blind, LOOKS)])
 
     @property
-    def open_height(self) -> float:
-        """How far tangents at the ends of a bracket meet above the best of all, where one member is searched; at least 0."""
-        return float(np.max(self._meeting()[1] - self.sign * self.best[self.members], initial=0.0))
+    def open_heights(self) -> Floats:
+        """How far tangents at the ends of a bracket meet above the best of each member; at least 0."""
+        heights = np.zeros(self.best.size)
+        np.maximum.at(heights, self.members, self._meeting()[1] - self.sign * self.best[self.members])
+        return heights
 
     def places(self) -> Floats:
         """Return the times to evaluate next; none when the search is over."""

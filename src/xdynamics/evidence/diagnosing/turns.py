@@ -15,6 +15,7 @@ from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import column
 
 Floats = NDArray[np.float64]
 
@@ -39,12 +40,12 @@ def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]]
         inside = Inside.of(run, functions, REINTEGRATE)
 
         def not_yet(times: Floats) -> NDArray[np.bool_]:
-            velocities: Floats = inside.at(times.ravel(), after=False).variables[speed].values
+            velocities: Floats = inside.taken(inside.at(times.ravel(), after=False), speed)
             return sign * velocities.reshape(times.shape) > 0.0
 
         high = _bisected(low, high, not_yet)
-        points = inside.at(high, after=False).variables[name].values
-    units = str(rows.run[name].attrs["units"])
+        points = inside.taken(inside.at(high, after=False), name)
+    units = str(column(rows.run, name).attrs["units"])
     located = f"when {name} turns, located by steps of the run's own method"
     return {
         "turning_time": ((TURNS,), high, about(time_unit(rows.run).text, located, ROLE)),

@@ -20,7 +20,6 @@ from xdynamics.evidence.event_matching import Rows, met
 from xdynamics.evidence.observables import observe
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
-from xdynamics.record import unfold
 from xdynamics.record.named_elements import column
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 
@@ -86,7 +85,7 @@ class Outline:
             run.variables["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
             events,
             _passed(run),
-            {name: chosen_level(unfold(run), name, functions) for name in cyclic},
+            {name: chosen_level(run, name, functions) for name in cyclic},
         )
 
 
@@ -191,7 +190,7 @@ class Readings:
         observed = observe(run, model, names, times, subjects.levels.rule(level))
         ranged, functions = ENERGY_RANGE in subjects.names, model.functions
         counted = {
-            name: Swings.of(cycles(unfold(run), name, level=crossing, functions=functions), times)
+            name: Swings.of(cycles(run, name, level=crossing, functions=functions), times)
             for name, crossing in common.crossing_levels.items()
         }
         after = {
