@@ -212,4 +212,6 @@ def test_rejected_trials_name_where_they_began() -> None:
 def test_factors_lead_from_the_numbers_of_a_march_to_those_of_its_record() -> None:
     """Assert that scales are in them, and the units that the model declares."""
     scales = Scales.parse({"length": "3 m", "time": "0.5 s"})
-    assert factors(linear_drag().model, scales) == pytest.approx({"y": 3000.0, "v_y": 6000.0})
+    layout = settings_for(linear_drag().model, method="rk4", step=0.1, until=1.0).layout(linear_drag().model)
+    assert [*layout.used] == ["y", "v_y"]
+    assert factors(layout, scales) == pytest.approx([3000.0, 6000.0])
