@@ -170,6 +170,25 @@ def test_extended_is_the_longer_run(case: int) -> None:
     )
 
 
+@pytest.mark.parametrize("way", ["memory", "streamed", "resumed"])
+@pytest.mark.usefixtures("small")
+def test_rows_of_states_have_the_bits_of_the_whole_march(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert the rows of a run without columns of force samples, of which none are then copied, row by row."""
+    asked: dict[str, Any] = {"method": "rk4", "step": 0.02, "until": 2.0, "log": "states"}
+    whole = xd.simulate(PENDULUM, **asked)
+    for place in ("march.runner.RECYCLED_NUMBERS", "march.runner.SHORTEST_PART", "archive.streaming.BLOCK_ROWS"):
+        monkeypatch.setattr(f"xdynamics.{place}", 1)
+    monkeypatch.setattr(segments, "EVERY", 0.0)
+    monkeypatch.setattr(segments.Segments, "patience", float("inf"))
+    run = marched(PENDULUM, asked | {"keep_every": 7}, way, tmp_path / "run.nc", random.Random(1))
+    rows = kept(whole, 7, [])
+    for name in ("time", "theta", "v_theta", "row_kind"):
+        assert run[name].values.tobytes() == whole[name].values[rows].tobytes()
+    run.close()
+
+
 @pytest.mark.dear
 def test_interrupted_run_ends_with_its_last_row(tmp_path: Path) -> None:
     """Assert the last row of a run that Ctrl-C ended, and the bits of the whole one when it is resumed."""

@@ -188,9 +188,7 @@ class March:
     def _log(self, rows: int) -> Log:
         """Return an empty log."""
         sampled, settings = int(self.run.plan[0].samples), self.settings
-        # what is left out row by row is chosen from whole rows
-        kept = settings.keeps_samples or self.thinning is not None
-        form = {"apart": settings.apart, "samples_kept": kept, "by_rows": is_wide(self.layout)}
+        form = {"apart": settings.apart, "samples_kept": settings.keeps_samples, "by_rows": is_wide(self.layout)}
         return allocate(self.layout, rows, sampled=sampled, **form)
 
     def rest(self) -> LogBlock | None:
@@ -340,7 +338,7 @@ class March:
         settings = self.settings
         are_small = 8 * self.layout.sample_width * settings.scheme.samples < LARGE
         is_read = {ROW_ENERGIES: settings.energies}
-        is_read[FORCE_SAMPLES] = settings.keeps_samples or self.thinning is not None or are_small
+        is_read[FORCE_SAMPLES] = settings.keeps_samples or are_small
         return frozenset(what for what, read in is_read.items() if not read)
 
     def _addresses(self) -> NDArray[np.int64]:

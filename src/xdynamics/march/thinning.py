@@ -49,11 +49,17 @@ class LogRows:
     def _rows_of_closed(self) -> Array:
         return self.closed[0].astype(np.int64) if len(self.closed) else np.zeros(0, np.int64)
 
-    def last(self, number: int) -> LogRows:
-        """Return the last row, if there is one, and what belongs to the row of a given number."""
+    def of_row(self, number: int) -> LogRows:
+        """Return what belongs to the row of a given number, without the row."""
         owners = self.samples[1], self.trials["step"], self._rows_of_closed()
-        selected = (np.flatnonzero(owner == number) for owner in owners)
-        return self.chosen(np.arange(self.rows.shape[1])[-1:], *selected)
+        return self.chosen(np.zeros(0, np.int64), *(np.flatnonzero(owner == number) for owner in owners))
+
+    def last(self, number: int, *, copied: bool) -> LogRows:
+        """Return the last row, whose number is given, and what belongs to it."""
+        rows, flags = self.rows[:, -1:], self.flags[:, -1:]
+        if copied:
+            rows, flags = rows.copy(), flags.copy()
+        return replace(self.of_row(number), rows=rows, flags=flags)
 
 
 class Thinning:
@@ -118,8 +124,7 @@ class Thinning:
         base["rows"], base["events"] = self.kept, log.base["events"]
         numbers = begin + np.flatnonzero(wanted)
         self.kept += numbers.size
-        newest = begin + wanted.size - 1
-        self.waiting = None if not wanted.size or wanted[-1] else _joined([part.last(newest) for part in parts], rows=1)
+        self.waiting = None if not wanted.size or wanted[-1] else _newest(parts, begin + wanted.size - 1)
         kept = Log(
             base,
             joined.rows,
@@ -199,10 +204,25 @@ class Around(Thinning):
         marks[behind] = True  # there is one: all of these times are before the last row
 
 
-def _joined(parts: list[LogRows], rows: int | None = None) -> LogRows:
-    """Concatenate parts, and keep all or only the last of their rows."""
-    if len(parts) == 1:
-        return parts[0]
-    wide = {name: np.hstack([getattr(part, name) for part in parts]) for name in ("rows", "flags", "samples", "closed")}
-    joined = LogRows(**wide, trials=np.concatenate([part.trials for part in parts]))
-    return joined if rows is None else replace(joined, rows=joined.rows[:, -rows:], flags=joined.flags[:, -rows:])
+def _newest(parts: list[LogRows], number: int) -> LogRows:
+    """Return the newest row, whose number is given, and what belongs to it.
+
+    The row of the last part stays in its log: that is not filled again before the block after the next one.
+    """
+    *earlier, latest = parts
+    if latest.rows.shape[1]:
+        return _joined([*(part.of_row(number) for part in earlier), latest.last(number, copied=False)])
+    return _joined([*(part.last(number, copied=True) for part in earlier), latest.of_row(number)])
+
+
+def _joined(parts: list[LogRows]) -> LogRows:
+    """Concatenate parts."""
+    names = ("rows", "flags", "samples", "closed")
+    wide = {name: _side_by_side([getattr(part, name) for part in parts]) for name in names}
+    return LogRows(**wide, trials=np.concatenate([part.trials for part in parts]))
+
+
+def _side_by_side(tables: list[Array]) -> Array:
+    """Concatenate columns; those of one table alone are not copied."""
+    filled = [table for table in tables if table.shape[1]]
+    return np.hstack(filled) if len(filled) > 1 else (filled or tables[-1:])[0]
