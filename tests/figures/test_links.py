@@ -89,5 +89,36 @@ def test_springs_of_relations_go_from_body_to_body() -> None:
 def test_a_truss_is_of_bars() -> None:
     """Assert straight lines for the six elastic bars of a truss, which stretch by less than can be seen."""
     run = unfold(xd.simulate(xd.Model.from_toml(MODELS / "truss.toml"))).copy(deep=False)
-    (found,) = fastenings(run, views(run)[0])
+    found, _ = fastenings(run, views(run)[0])
     assert (found.kind, found.ends.shape) == ("lines", (6, 2))
+
+
+HUNG = """
+[dimensions]
+hook = ["left", "right"]
+"""
+
+
+@pytest.mark.parametrize(("ends", "unit"), [(("ball", "hook"), "m"), (("hook", "ball"), "mm")])
+def test_links_to_fixed_places_end_there(tmp_path: Any, ends: tuple[str, str], unit: str) -> None:
+    """Assert springs between bodies and places that stand still, in either direction, in units of their own, inside the frame."""
+    (tmp_path / "hangers.csv").write_text("first,second\n" + ("0,left\n" if ends[0] == "ball" else "left,0\n"))
+    near, far = ("first", "second") if ends[0] == "ball" else ("second", "first")
+    hung = f'[relations.hanger]\nfrom = "{ends[0]}"\nto = "{ends[1]}"\ntable = "hangers.csv"\n[coordinates]'
+    force = f'[forces.hangers]\nover = "hanger"\npotential = "k*norm({far}(place, hanger) - {near}(r, hanger), axis)**2/2"\n[initial]'
+    size = 1 if unit == "m" else 1000
+    text = ROPE.format(count=3, stiffness="40", joined=SPRINGS, stretched="1.3")
+    text = text.replace("[dimensions]", HUNG.strip()).replace("[coordinates]", hung).replace("[initial]", force)
+    place = f'place = {{ dims = ["hook", "axis"], value = [[{-1 * size}, {3 * size}], [0, 0]], unit = "{unit}" }}'
+    (tmp_path / "hung.toml").write_text(text.replace("[parameters]", f"[parameters]\n{place}"))
+    run = unfold(xd.simulate(xd.Model.from_toml(tmp_path / "hung.toml"))).copy(deep=False)
+    scene: Any = scene_of(run, None)
+    axes = xd.plot(run, only="plane").axes[0]
+    assert any(line.get_marker() == "s" and (line.get_xydata()[0] == [-1.0, 3.0]).all() for line in axes.lines)
+    scene.start(axes)
+    (line,) = scene.at(0.2)[2].get_segments()
+    assert scene.fastenings[1].kind == "springs"
+    body, hook = (line[0], line[-1]) if ends[0] == "ball" else (line[-1], line[0])
+    assert np.allclose(hook, [-1.0, 3.0], rtol=0.0, atol=1e-12)
+    assert np.allclose(body, [scene.view[0].x[-1], scene.view[0].y[-1]], rtol=0.0, atol=1e-12)
+    assert axes.get_ylim()[1] > 3.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,10 @@ from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.figures.body_names import MOST_BODIES
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.model import Model
+from xdynamics.model.motion import constants
 from xdynamics.model.parts import ORIGIN
+from xdynamics.shapes import element, parted
+from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +27,7 @@ WIDTHS = {"links": 3.0, "springs": 1.2, "threads": 0.9, "lines": 1.5}
 NAMED = ("links", "springs", "threads")  # by a model's plane
 STIFF = 0.05  # change of its length, up to which a spring looks like a bar
 MOST_COILED = 40  # springs of a relation; more would hide each other
+ANCHOR: dict[str, Any] = {"color": "0.35", "marker": "s", "markersize": 5, "linestyle": "none", "zorder": 2}
 AT_START: dict[str, Any] = {"color": "0.6", "linewidth": 1.0, "zorder": 1.5}
 COILS = 8  # of a spring
 COIL = 0.025  # of the longer side, that a coil goes to either side
@@ -32,17 +36,20 @@ STRAIGHT = 0.12  # of a spring at either end
 
 @dataclass
 class Fastening:
-    """Rods, springs or threads from body to body.
+    """Rods, springs or threads from body to body, or to a fixed place.
 
     Attributes
     ----------
     kind : {"links", "springs", "threads", "lines"}
     ends : ndarray of int, shape (m, 2)
-        Numbers of bodies, -1 for the origin.
+        Numbers of bodies, after these of anchors, -1 for the origin.
+    anchors : ndarray, shape (n, 2)
+        Fixed places, in the axes' unit.
     """
 
     kind: str
     ends: NDArray[np.int_]
+    anchors: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     _coil: float = 0.0
     _lines: Any = None
 
@@ -54,14 +61,20 @@ class Fastening:
         self._lines = axes.add_collection(
             LineCollection([], colors="0.45", linewidths=WIDTHS[self.kind]), autolim=False
         )
+        if self.anchors.size:
+            axes.plot(*self.anchors.T, **ANCHOR)
 
     def at(self, places: Floats) -> Any:
         """Put the lines between the places of bodies, the last of which is the origin."""
-        pairs = places[self.ends]
+        pairs = self.places(places)[self.ends]
         self._lines.set_segments(
             [coiled(start, end, self._coil) for start, end in pairs] if self.kind == "springs" else pairs
         )
         return self._lines
+
+    def places(self, places: Floats) -> Floats:
+        """Return the places of bodies, anchors and the origin, of which the first and the last are given."""
+        return np.concatenate([places[:-1], self.anchors, places[-1:]])
 
 
 def coiled(start: Floats, end: Floats, coil: float) -> Floats:
@@ -94,7 +107,7 @@ def fastenings(run: xr.Dataset, view: list[BodyPath]) -> list[Fastening]:
 
 
 def _related(model: Model, view: list[BodyPath]) -> list[Fastening]:
-    """Return the links of relations between bodies that are a table or neighbours, not every two.
+    """Return the links of relations between bodies that are a table or neighbours, not every two; and from bodies to fixed places.
 
     A relation that a constraint holds is of rods. One that has a potential is of springs; these are lines where they are
     many, or so stiff that none changes its length by what could be seen: the bars of a truss.
@@ -104,20 +117,50 @@ def _related(model: Model, view: list[BodyPath]) -> list[Fastening]:
     sprung = {force.over for force in model.shaped.forces.values() if force.potential is not None} - held
     for name, declared in model.shaped.relations.items():
         relation = model.shapes.relations[name]
-        if dims[:-1] == (relation.source,) == (relation.target,) and (declared.table or declared.neighbours):
-            ends = np.stack([relation.first, relation.second], axis=-1)
-            ends = ends[(ends < min(len(view), MOST_BODIES)).all(axis=-1)]
-            is_coiled = name in sprung and len(ends) <= MOST_COILED and _stretch(view, ends) > STIFF
-            found.append(Fastening("links" if name in held else "springs" if is_coiled else "lines", ends))
+        between = {relation.source, relation.target}
+        if len(dims) != 2 or dims[0] not in between or not (declared.table or declared.neighbours or name in held):
+            continue
+        count, anchors = min(len(view), MOST_BODIES), np.zeros((0, 2))
+        ends = np.stack([relation.first, relation.second], axis=-1)
+        bodies = np.array([end == dims[0] for end in (relation.source, relation.target)])
+        ends = ends[(ends < count)[:, bodies].all(axis=-1)]
+        if not bodies.all():
+            anchors = _fixed_places(model, (between - {dims[0]}).pop(), dims[1], view[0])
+            ends[:, ~bodies] += count
+        if not bodies.all() and not anchors.size:
+            continue
+        is_coiled = name in sprung and len(ends) <= MOST_COILED and _stretch(view[:count], ends, anchors) > STIFF
+        found.append(Fastening("links" if name in held else "springs" if is_coiled else "lines", ends, anchors))
     return found
 
 
-def _stretch(view: list[BodyPath], ends: NDArray[np.int_]) -> float:
+def _fixed_places(model: Model, dim: str, axis: str, path: BodyPath) -> Floats:
+    """Return where the elements of a dimension are that has one parameter of positions; none if none or several could be meant."""
+    length, shapes, known = parse_unit(path.units), model.shapes, constants(model)
+    named = [
+        name
+        for name, dims in shapes.dims.items()
+        if dims == (dim, axis)
+        and (one := model.parameters.get(shapes.elements(name)[0])) is not None
+        and one.quantity.unit.dimension == length.dimension
+    ]
+    if len(named) != 1:
+        return np.zeros((0, 2))
+    labels = [parted(name)[1][-1] for name in path.names]
+    return np.array(
+        [
+            [known[element(named[0], [shapes.extent(dim).label(k), label])] / float(length.factor) for label in labels]
+            for k in range(shapes.extent(dim).size)
+        ]
+    )
+
+
+def _stretch(view: list[BodyPath], ends: NDArray[np.int_], anchors: Floats) -> float:
     """Return how much the length of a link changes, as a part of the longest that it has: the most of all links."""
-    found = 0.0
+    found, places = 0.0, [(path.x, path.y) for path in view] + [(x, y) for x, y in anchors]
     for first, second in ends.tolist():
-        one, other = view[first], view[second]
-        lengths = np.hypot(other.x - one.x, other.y - one.y)
+        one, other = places[first], places[second]
+        lengths = np.hypot(other[0] - one[0], other[1] - one[1])
         found = max(found, float(np.ptp(lengths) / (lengths.max() or 1.0)))
     return found
 
@@ -127,8 +170,10 @@ def draw_at_start(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> bool:
     shown = view[:MOST_BODIES]
     places = np.array([[path.x[0], path.y[0]] for path in shown] + [[0.0, 0.0]])
     coil = COIL * float(np.ptp(places, axis=0).max())
-    joints = [(part.kind, pair) for part in fastenings(run, shown) for pair in part.ends]
-    for kind, pair in joints:
-        line = coiled(places[pair[0]], places[pair[1]], coil) if kind == "springs" else places[pair]
-        axes.plot(*line.T, **AT_START)
-    return bool(joints)
+    parts = fastenings(run, shown)
+    for part in parts:
+        for start, end in part.places(places)[part.ends]:
+            axes.plot(*(coiled(start, end, coil) if part.kind == "springs" else np.stack([start, end])).T, **AT_START)
+        if part.anchors.size:
+            axes.plot(*part.anchors.T, **ANCHOR)
+    return any(part.ends.size for part in parts)

@@ -151,6 +151,8 @@ class Bodies:
         low, high = self._frame.limits.T
         if any((part.ends < 0).any() for part in self.fastenings):  # to the origin
             low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        for place in (place for part in self.fastenings for place in part.anchors):
+            low, high = np.minimum(low, place), np.maximum(high, place)
         beyond = float(self.radii.max(initial=0.0))
         low, high = low - beyond, high + beyond
         longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
