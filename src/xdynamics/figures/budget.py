@@ -10,6 +10,7 @@ import xarray as xr
 
 from xdynamics.budgeting.budget_summary import doubt_of
 from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.figures.line_panels import GREY
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SPAN = 1e6  # over which bars are drawn: smaller terms have none
+MOST_TERMS = 16  # bars; what is beyond is one more, of all others together
 COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
 
@@ -33,7 +35,7 @@ def foot_of(budget: xr.Dataset) -> str:
 
 
 def _terms(budget: xr.Dataset, axes: Axes) -> None:
-    """Draw the standard uncertainty of each term, the largest on top, and the totals."""
+    """Draw the standard uncertainty of each term, the largest on top, of many terms that of the smaller ones together; and totals."""
     kinds, units = words_of(budget["term_kind"]), str(budget["value"].attrs["units"])
     sizes, names = budget["standard_uncertainty"].values, budget["term_name"].values.astype(str)
     order = np.argsort(-sizes, kind="stable")
@@ -43,31 +45,36 @@ def _terms(budget: xr.Dataset, axes: Axes) -> None:
         axes.text(0.5, 0.5, "nothing is uncertain", transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
         axes.set_axis_off()
         return
+    order, rest = (order, order[:0]) if len(order) <= MOST_TERMS + 1 else (order[:MOST_TERMS], order[MOST_TERMS:])
     for row, i in enumerate(order.tolist()):
         _bar(axes, row, float(sizes[i]), doubt_of(budget, i), least, COLOUR[kinds[i]])
+    labels = [words(names[i].replace("_", " ") if kinds[i] == "numerical" else names[i]) for i in order]
+    if rest.size:
+        _bar(axes, len(order), float(np.linalg.norm(sizes[rest])), 0.0, least, GREY)
+        labels.append(f"{rest.size} others together")
     for kind, total in totals.items():
         if total >= least > 0.0:
             axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
     axes.set_axisbelow(True)
-    axes.set_yticks(range(len(order)), [words(names[i]) for i in order], fontsize=8)
+    axes.set_yticks(range(len(labels)), labels, fontsize=8)
     axes.set(
         xscale="log",
-        ylim=(len(order) - 0.4, -0.6),
+        ylim=(len(labels) - 0.4, -0.6),
         xlim=(least / 2.0, least * SPAN * 5.0),
         xlabel=words(f"standard uncertainty ({units})"),
     )
-    axes.set_title("terms", loc="left", fontsize=10)
+    axes.set_title("standard uncertainty from each source", loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none", loc="lower right")
 
 
 def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: str) -> None:
-    """Draw one term, with its own uncertainty; a term left of the axis has its number alone."""
+    """Draw one term, with its own uncertainty; a term too small for the axis has its number alone."""
     visible = size >= least  # on a logarithmic axis 0 has no place
     if visible:
         axes.barh(row, size, color=colour, height=0.7)
     if visible and doubt > 0.0:
         axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
-    note = "" if visible or not size else " (left of the axis)"
+    note = "" if visible or not size else " (too small for the axis)"
     label = f"{with_uncertainty(size, doubt, 1) if doubt > 0.0 else uncertainty_alone(size)}{note}"
     axes.annotate(
         label,
