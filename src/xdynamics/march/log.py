@@ -33,8 +33,9 @@ MOST_SUBSTEPS = 200  # of one event's bracket, for which halving alone needs 60,
 class Log(NamedTuple):
     """Blocks of a log; a column of the record is one row of `rows` and `samples`, so that it is contiguous.
 
-    `base` has the numbers of rows and so on before it, and the room for samples. Rows of many numbers of a model with dimensions stand one after the other instead, in Fortran's order: each number in
-    a page of its own is two thirds of the time of a step.
+    `base` has the numbers of rows and so on before it, and the room for samples. Rows of many numbers of a model with
+    dimensions stand one after the other instead, in Fortran's order: each number in a page of its own is two thirds of
+    the time of a step.
     """
 
     base: NDArray[Any]
