@@ -165,3 +165,8 @@ def test_what_stops_slow_motions_takes_less_than_a_bounce() -> None:
     (line,) = [line for line in summary(run) if line.startswith("stopped")]
     assert line.startswith(f"stopped   {np.count_nonzero(lost)} motions lower than a bounce of rest_height")
     assert f"which took {lost.sum():.3g} J" in line
+
+
+def test_links_that_part_are_located_with_few_forces() -> None:
+    """Assert that no event of a heap takes more than 100 parts of a step: links that part at both ends of one need none."""
+    assert small_heap()["event_substeps"].max() <= 100
