@@ -19,7 +19,7 @@ OF_RECORDS = {
     "event_time_uncertainty": "of locating the event on this run alone; the error of the integration is not in it, `refine` has both",
     "event_row_before": "row with the state on arrival; event_row_after: row with the state it goes on from",
     "event_offset_…": "shift of a coordinate at an event, by a reset or by a contact that comes to rest",
-    "switch": "a kink or jump inside a force, like drag.abs: the zero of what abs, sign, min, max or where turn at",
+    "switch": "a kink or jump inside a force, like drag.abs or drag.abs[3]: the zero of what abs, sign, min, max or where turn at",
     "touch": "an event function that reaches zero and turns back; a jump changes sign without passing zero, a pole at infinity",
     "cluster": "several events too close in time to be told apart",
     "rest": "a contact that closes and stays closed; takeoff: it opens; stick and slip: friction comes to hold, or gives way",

@@ -53,6 +53,7 @@ from xdynamics.schema import (
     rate,
     velocity,
 )
+from xdynamics.shapes.naming import element, parted
 from xdynamics.units import TIME, UNSCALED, unit_suffix
 from xdynamics.units.digits import MOST, digits, known_part
 
@@ -173,13 +174,14 @@ def _chattering(march: March) -> str:
 
 def _jump(march: March, switch: Detector | Switch) -> str:
     """Say where a force switches."""
-    owner, function = switch.name.split(".")
+    whole, labels = parted(switch.name)
+    owner, function = whole.split(".")
     where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
         at = _asked(march, switch.drive) * march.settings.scales.of(drive.table.argument_unit.dimension)
         where = f"jumps at {text_of(drive.argument)} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
-    return f"'{owner}' {where}"
+    return f"'{element(owner, labels)}' {where}"
 
 
 def _equation(function: Node) -> str:

@@ -81,7 +81,7 @@ def kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterat
             yield from kinks(part, path, factors if isinstance(node, Negative) else ())
     if not isinstance(node, Call):
         return
-    for function, jumps, at_zero in _own(node):
+    for function, jumps, at_zero in kinks_of_call(node):
         flatness = int(not jumps) + sum(factor == function for factor in factors)
         yield node.function, function, jumps, at_zero, path, flatness
 
@@ -114,7 +114,7 @@ def _powers(node: Node) -> Iterator[Node]:
         yield from [node.left] * int(node.right.value)
 
 
-def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
+def kinks_of_call(node: Call) -> Iterator[tuple[Node, bool, int]]:
     """Yield the functions of the switches of a call itself, whether there is a jump, and the side of zero."""
     if node.function in ("abs", "sign"):
         yield node.arguments[0], node.function == "sign", 1

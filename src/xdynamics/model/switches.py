@@ -6,9 +6,9 @@ no method keeps its order over a step that passes one. The same holds for a meas
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import inf
 
 from xdynamics.expressions import (
@@ -28,8 +28,10 @@ from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import on_sides
 from xdynamics.model.parts import Function
+from xdynamics.model.switch_names import MOST_COUNTED, named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
+from xdynamics.shapes.naming import element, parted
 from xdynamics.shapes.trees import expanded
 
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
@@ -37,7 +39,6 @@ MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 LOCATED, LANDED_ON, STEPPED_OVER = "located", "landed on", "stepped over"
 SWITCHES = (LOCATED, LANDED_ON, STEPPED_OVER)
 MANY_POINTS = 100  # of a table, from which they are landed on if nothing else is asked for
-MOST_COUNTED = 100  # of elements
 # As in version 0.2, to reproduce archives: also in a branch of `where` that is not taken, where they have no effect.
 LOCATED_EVERYWHERE = "located everywhere"
 BENT = (
@@ -53,9 +54,9 @@ class Switch:
     Attributes
     ----------
     owner : str
-        The force, or the state whose rate has the switch.
+        The force, or the state whose rate has the switch; of elements, the quantity.
     name : str
-        The owner and the function: ``drag.abs``.
+        The owner and the function: ``drag.abs``; of an element ``drag.abs·3``.
     function : Node
         The expression that passes through zero.
     jumps : bool
@@ -68,6 +69,10 @@ class Switch:
         The switch has an effect where one of these holds: the branches of `where` around it; an empty one always holds.
     flatness : int
         The lowest derivative of the force, by the function, that jumps at zero: 0 is the force itself.
+    dims : tuple of str
+        The dimensions that it is of an element of.
+    text : str
+        The function as the force has it, with its dimensions.
     """
 
     owner: str
@@ -78,6 +83,8 @@ class Switch:
     drive: str = ""
     paths: tuple[Path, ...] = ((),)
     flatness: int = 0
+    dims: tuple[str, ...] = ()
+    text: str = ""
 
     @property
     def nested(self) -> bool:
@@ -98,9 +105,10 @@ def _hidden(model: Model, most: float) -> list[Switch]:
     """Return the hidden switches, or some of them as soon as there are more than `most`."""
     hidden: list[Switch] = []
     for owner, trees in _trees(model, smooth=False):
-        drives = {switch.drive for switch in hidden}
-        hidden += [_between(model, owner, name) for name in _bent(model, trees) if name not in drives]
-        hidden += _of_trees(model, owner, trees, most - len(hidden))
+        if model.drives:
+            drives = {switch.drive for switch in hidden}
+            hidden += [_between(model, owner, name) for name in _bent(model, trees()) if name not in drives]
+        hidden += _of_trees(model, owner, trees(), most - len(hidden))
         if len(hidden) > most:
             break
     return hidden
@@ -149,7 +157,7 @@ def smooth_switches(model: Model) -> tuple[Switch, ...]:
     """
     most, found = MOST_COUNTED if model.shapes.dims else inf, list[Switch]()
     for owner, trees in _trees(model, smooth=True):
-        found += _of_trees(model, owner, trees, most)
+        found += _of_trees(model, owner, trees(), most)
         if len(found) > most:
             return ()
     return tuple(found)
@@ -157,30 +165,28 @@ def smooth_switches(model: Model) -> tuple[Switch, ...]:
 
 def bent_and_smooth(model: Model) -> tuple[str, ...]:
     """Return the forces and rates, declared smooth, that read a table with kinks or jumps that the motion passes."""
-    return tuple(owner for owner, trees in _trees(model, smooth=True) if _bent(model, trees))
+    return tuple(owner for owner, trees in _trees(model, smooth=True) if _bent(model, trees()))
 
 
-def _of_trees(model: Model, owner: str, trees: list[Node], most: float = inf) -> list[Switch]:
+def _of_trees(model: Model, owner: str, trees: Iterator[Node], most: float = inf) -> list[Switch]:
     """Return the switches of one force or rate, or some if they are more than `most`; one that occurs again gets paths."""
     merged: dict[tuple[str, Node], Switch] = {}
-    counts: dict[str, int] = {}
-    for tree in trees:
-        for name, function, jumps, at_zero, path, flatness in kinks(tree):
-            if not _moves(model, function):
-                continue
-            previous = merged.get((name, function))
-            if previous is not None:
-                paths = previous.paths if path in previous.paths else (*previous.paths, path)
-                merged[name, function] = replace(previous, paths=paths, flatness=min(previous.flatness, flatness))
-                continue
-            counts[name] = counts.get(name, 0) + 1
-            number = f"_{counts[name]}" if counts[name] > 1 else ""
-            merged[name, function] = Switch(
-                owner, f"{owner}.{name}{number}", function, jumps, at_zero, paths=(path,), flatness=flatness
-            )
-            if len(merged) > most:
-                return list(merged.values())
-    return list(merged.values())
+    for name, function, jumps, at_zero, path, flatness in (kink for tree in trees for kink in kinks(tree)):
+        if not _moves(model, function):
+            continue
+        previous = merged.get((name, function))
+        if previous is not None:
+            paths = previous.paths if path in previous.paths else (*previous.paths, path)
+            merged[name, function] = replace(previous, paths=paths, flatness=min(previous.flatness, flatness))
+            continue
+        merged[name, function] = Switch(owner, name, function, jumps, at_zero, paths=(path,), flatness=flatness)
+        if len(merged) > most:
+            break
+    names = named(model, owner, [*merged])
+    return [
+        replace(switch, name=name, text=text, dims=dims)
+        for switch, (name, text, dims) in zip(merged.values(), names, strict=True)
+    ]
 
 
 def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, outside: Node) -> Node:
@@ -207,7 +213,7 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, ou
     return result
 
 
-def _bent(model: Model, trees: list[Node]) -> list[str]:
+def _bent(model: Model, trees: Iterator[Node]) -> list[str]:
     """Return the drives in some trees with a kink or jump at points of their tables that the motion passes."""
     names = {name for tree in trees for name in free_names(tree)}
     return [
@@ -224,7 +230,9 @@ def _between(model: Model, owner: str, name: str) -> Switch:
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))
     jumps = model.drives[name].interpolation == "previous" or model.drives[name].outside == "zero"
-    return Switch(owner, f"{owner}.{name}", Binary("*", below, above), jumps, drive=name)
+    table, labels = parted(name)
+    dims = model.shapes.dims.get(table, ())
+    return Switch(owner, element(f"{owner}.{table}", labels), Binary("*", below, above), jumps, drive=name, dims=dims)
 
 
 def landed_on(model: Model) -> dict[str, str]:
@@ -292,7 +300,7 @@ class RegimeModel(Model):
         sides = {
             switch.function: side(i)
             for i, switch in enumerate(self.switches)
-            if switch.owner == owner and not switch.drive
+            if switch.owner == parted(owner)[0] and not switch.drive
         }
         return on_sides(self.plain.expanded(tree), sides) if sides else tree
 
@@ -327,19 +335,24 @@ def side(i: int) -> str:
     return f"_side_{i}"
 
 
-def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
+def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], Iterator[Node]]]]:
+    """Yield every force and state, and what makes its trees; of a quantity those of its elements, one after the other."""
     if model.shapes.dims and not _may_switch(model):
         return
     for term, components in model.force_components.items():
         if model.forces[term].smooth == smooth:
-            yield (
-                term,
-                [model.expanded(component) for component in components.values() if not isinstance(component, Function)],
-            )
-    for name in model.states:  # of elements, one after the other is made
-        state = model.states[name]
+            yield term, partial(_written_out, model, components)
+    for name, state in model.shaped.states.items():
         if state.smooth == smooth:
-            yield name, [model.expanded(state.rate)]
+            yield name, partial(_rates, model, name)
+
+
+def _written_out(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
+    return (model.expanded(part) for part in components.values() if not isinstance(part, Function))
+
+
+def _rates(model: Model, name: str) -> Iterator[Node]:
+    return (model.expanded(model.states[element].rate) for element in model.shapes.elements(name))
 
 
 def _may_switch(model: Model) -> bool:

@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.schema import ELEMENT_NAME, ELEMENTS, NOWHERE
+from xdynamics.schema import ELEMENT_NAME, ELEMENTS, NOWHERE, side_of
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, spoken
 
 Array = NDArray[Any]
 
 FORCES = ("force_", "sample_force_")  # of which the elements that are not there are 0: the force does not act there
+
+
+SIDE = side_of("")
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,8 @@ class Whole:
         first = next(iter(parts.values()))
         whole = np.empty((self.size, *first.shape), first.dtype)
         if len(parts) < self.size:
-            whole[:] = self.missing if first.dtype.kind == "f" else NOWHERE
+            # where an element has no switch, its side is elsewhere
+            whole[:] = self.missing if first.dtype.kind == "f" else 0 if self.name.startswith(SIDE) else NOWHERE
         for number, values in parts.items():
             whole[number] = values
         return np.moveaxis(whole, 0, -1).reshape((*first.shape, *self.shape))

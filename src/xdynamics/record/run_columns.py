@@ -30,7 +30,7 @@ from xdynamics.record.first_order_columns import of_first_order
 from xdynamics.record.folded_columns import NamedColumns, dimensions, folded, parted
 from xdynamics.record.parameter_columns import parameters
 from xdynamics.record.rest_column import rest_column
-from xdynamics.record.switches import passed, side_columns
+from xdynamics.record.switches import passed, shapes_with_switches, side_columns
 from xdynamics.record.written_link_columns import written_link_columns
 from xdynamics.schema import CLOSED_LINKS, SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
@@ -47,7 +47,7 @@ OF_STATES = (*schema.OF_MOTION, "error")
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return folded(_selected(march), march.model.shapes)
+    return folded(_selected(march), shapes_with_switches(march.layout.model))
 
 
 def element_columns(march: March) -> list[Column]:
@@ -61,7 +61,7 @@ def _selected(march: March) -> list[Column]:
     about = About(march.layout, settings.scales, settings.tolerances, settings.samples)
     selected = [*_columns(about), *written_link_columns(about)]
     if settings.log != FULL:
-        selected = _logged(selected, settings.log, march.model.shapes)
+        selected = _logged(selected, settings.log, shapes_with_switches(march.layout.model))
     return selected if march.thinning is None else [*selected, Column(schema.STEP_NUMBER, _numbers)]
 
 

@@ -10,18 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.expressions import Binary, Compare, Node, text_of
+from xdynamics.expressions import Binary, Compare, Node
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march import LogBlock, March
 from xdynamics.march.log import PIECES
+from xdynamics.model import Model
 from xdynamics.model.kinks import Path
 from xdynamics.model.motion import constants
 from xdynamics.model.switches import Switch, watched_by
 from xdynamics.record.column import About, Column
+from xdynamics.record.element_names import listed
 from xdynamics.schema import STEPS, Variable
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.naming import parted
 from xdynamics.units import TIME
 
 Array = NDArray[Any]
+
+
+def shapes_with_switches(model: Model) -> Shapes:
+    """Return the shapes of a model with those of the switches hidden in its forces, and of their sides."""
+    dims = {parted(switch.name)[0]: switch.dims for switch in watched_by(model) if switch.dims}
+    sides = {schema.side_of(name): own for name, own in dims.items()}
+    return replace(model.shapes, dims={**model.shapes.dims, **dims, **sides}) if dims else model.shapes
 
 
 def side_columns(about: About) -> list[Column]:
@@ -41,8 +52,8 @@ def side_columns(about: About) -> list[Column]:
             collected.append(Column(variable, _piece(first)))
             continue
         places_of_owner = {function: at for (owner, function), at in places.items() if owner == switch.owner}
-        sides = {number: word for number, word in schema.SIDES.items() if number or switch.nested}
-        extra = schema.flags(sides) | {"function": text_of(switch.function)}
+        sides = {number: word for number, word in schema.SIDES.items() if number or switch.nested or switch.dims}
+        extra = schema.flags(sides) | {"function": switch.text}
         long_name = f"side of switch {switch.name}: the sign of its function"
         long_name += "; elsewhere where it decides nothing, inside a where" if switch.nested else ""
         variable = Variable(schema.side_of(switch.name), (STEPS,), "i1", "1", long_name, "flag", extra)
@@ -91,7 +102,7 @@ def passed(march: March) -> list[tuple[Variable, Array]]:
     if not smooth:
         return []
     counts, times = march.passed
-    more = {"names": " ".join(switch.name for switch in smooth)}
+    more = {"names": listed(switch.name for switch in smooth)}
     return [
         (replace(schema.PASSED, more=more), counts),
         (

@@ -19,6 +19,7 @@ from xdynamics.model.whole import is_read_whole
 from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
 from xdynamics.record.element_names import Names, Whole, expanded
 from xdynamics.record.run_columns import named_columns
+from xdynamics.record.switches import shapes_with_switches
 from xdynamics.schema import AT, OCCURRENCE, flags
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, parted, written
@@ -113,7 +114,7 @@ class Keeping:
             known = of_wholes(reader.known())
             raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {few(known)}")
         own = {name: variable for name, variable in variables.items() if parted(name)[0] not in {*variables} - {name}}
-        return folded(own, model.shapes)  # an element whose quantity is kept is in it
+        return folded(own, reader.shapes)  # an element whose quantity is kept is in it
 
 
 def folded(variables: Mapping[str, Kept], shapes: Shapes) -> tuple[Kept, ...]:
@@ -153,6 +154,7 @@ class _WordReader:
         self.keeping, self.model = keeping, model
         self.layout = settings.layout(model)
         self.columns = named_columns(self.layout, settings)
+        self.shapes = shapes_with_switches(self.layout.model)
         detectors = str(self.columns["event_detector"].variable.more["flag_meanings"]).split()
         self.detectors = detectors if self.layout.watched else []
         self.motion = (
@@ -166,7 +168,7 @@ class _WordReader:
 
     def _one_by_one(self, word: str) -> tuple[str, ...]:
         """Return a word of a quantity as those of its elements, where it is not read whole."""
-        return (word,) if self.reads(word) else expanded((word,), self.known(), self.model.shapes)
+        return (word,) if self.reads(word) else expanded((word,), self.known(), self.shapes)
 
     def known(self) -> list[str]:
         """List the words that can be kept."""

@@ -185,7 +185,7 @@ class Levels:
 
     def located(self) -> Levels | None:
         """Return the levels with every switch located, even if declared smooth; None if a switch has no such entry."""
-        tables = tables_of(self.model.statement)
+        tables = tables_of(self.model.shaped)
         changed = {
             part: {
                 name: {**entry, "smooth": False} for name, entry in tables.get(part, {}).items() if entry.get("smooth")

@@ -20,6 +20,7 @@ from xdynamics.evidence.event_matching import Rows, met
 from xdynamics.evidence.observables import observe
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
+from xdynamics.faults import written
 from xdynamics.record.named_elements import column
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 
@@ -94,7 +95,7 @@ def _passed(run: xr.Dataset) -> dict[str, float]:
     if PASSED.name not in run.variables:
         return {}
     times, rows = run.variables["time"].values, {}
-    names = str(run[PASSED.name].attrs["names"]).split()
+    names = written(str(run[PASSED.name].attrs["names"])).split()
     for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
         rows[name] = int(np.searchsorted(times, first)) if first == first else 0
     return {name: float(times[row - 1]) for name, row in rows.items() if row}
