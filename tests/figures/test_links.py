@@ -114,7 +114,7 @@ def test_links_to_fixed_places_end_there(tmp_path: Any, ends: tuple[str, str], u
     run = unfold(xd.simulate(xd.Model.from_toml(tmp_path / "hung.toml"))).copy(deep=False)
     scene: Any = scene_of(run, None)
     axes = xd.plot(run, only="plane").axes[0]
-    assert any(line.get_marker() == "s" and (line.get_xydata()[0] == [-1.0, 3.0]).all() for line in axes.lines)
+    assert any(line.get_marker() == "^" and (line.get_xydata()[0] == [-1.0, 3.0]).all() for line in axes.lines)
     scene.start(axes)
     (line,) = scene.at(0.2)[2].get_segments()
     assert scene.fastenings[1].kind == "springs"

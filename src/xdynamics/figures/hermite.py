@@ -87,7 +87,14 @@ def derivatives(run: xr.Dataset, model: Model) -> dict[str, Floats]:
     states = {name: run.variables[name].values for name in model.units}
     rows = np.arange(run.sizes[STEPS])
     rates = state_rates(run, model, states, run.variables["time"].values, rows) or {}
-    return {names[name]: rates[name] / float(model.units[name].factor) for name in names if name in rates}
+    by_element = {
+        name: numbers
+        for quantity, own in rates.items()
+        for name, numbers in zip(model.shapes.elements(quantity), own, strict=True)
+    }
+    return {
+        names[name]: numbers / float(model.units[name].factor) for name, numbers in by_element.items() if name in names
+    }
 
 
 def bent(
