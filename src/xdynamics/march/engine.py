@@ -11,7 +11,7 @@ from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array, returning
 from xdynamics.kernels.heap_arrays import forget_refusal, was_refused
-from xdynamics.march import engine_entries, loop, trial_step
+from xdynamics.march import engine_entries, loop, row_search, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
 from xdynamics.march.assembly import holding
 from xdynamics.march.contacts import dispatch as contact_dispatch
@@ -127,7 +127,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
             (engine_entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 5, FLAG, FLAG)),
             (engine_entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
             (engine_entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
-            (engine_entries.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
+            (row_search.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
             (retrace, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
         ),
     ),
@@ -205,7 +205,7 @@ def _plain_engine() -> Engine:
         engine_entries.states_inside,
         engine_entries.fastest_rates,
         engine_entries.growths,
-        engine_entries.rows_of_times,
+        row_search.rows_of_times,
         retrace,
     )
     return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *others, 0)

@@ -20,9 +20,11 @@ from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import enter_past
 from xdynamics.march.perturbation import follow
 from xdynamics.march.run import (
+    ASSEMBLY_PHASE,
     BEGUN,
     CONTACT_PHASE,
     EVENT_PHASE,
+    FIND_CLOSED,
     INFORM,
     KEPT,
     PIECE,
@@ -216,11 +218,12 @@ def states_inside(
             rest, left = steps[steps.shape[0] - 2, k], steps[steps.shape[0] - 1, k]
         run.now[0].rest = rest
         enter(run, t, states, k, steps[6, k] != 0.0)
-        solved = shorter(run, t, time, s * h, left)
+        begun, run.now[0].status = run.now[0].status == RUNNING, RUNNING  # whether closed links were found
+        solved = shorter(run, t, time, s * h, left) and begun
         for i in range(n):
             found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan
         if not reintegrated or ends.shape[0] > 0:
-            solved = shorter(run, t, t1, h, 0.0)
+            solved = shorter(run, t, t1, h, 0.0) and begun
             copy(run.z, run.located_z)
         if not reintegrated:
             run.at[T], run.at[T1], run.at[H], run.at[S] = t, t1, h, s
@@ -235,34 +238,6 @@ def states_inside(
         else:
             solved = False
         judge_inside(run, s, states, ends, found, k, solved)
-
-
-def rows_of_times(time: Floats, low: Whole, high: Whole, wanted: Floats, after: bool, found: Whole) -> None:
-    """Find the row at the start of the step to each time.
-
-    Parameters
-    ----------
-    time : ndarray, shape (rows,)
-        Of many runs, one after the other.
-    low, high : ndarray of int, shape (k,)
-        First and last row of the run of each time.
-    wanted : ndarray, shape (k,)
-    after : bool
-        Whether to return the last row not later than the time, or the first where several rows are at the time.
-    found : ndarray of int, shape (k,)
-        Filled.
-    """
-    for k in range(wanted.shape[0]):
-        first, last = low[k], high[k]
-        while first < last:
-            middle = (first + last + 1) // 2
-            if time[middle] > wanted[k]:
-                last = middle - 1
-            else:
-                first = middle
-        while not after and first > low[k] and time[first - 1] >= wanted[k]:
-            first -= 1
-        found[k] = first
 
 
 def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Floats) -> None:
@@ -342,6 +317,9 @@ def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
     enter_here(run, t)
     if behind and run.plan[0].reactions > 0:
         entered_by(run.functions[CONTACT_PHASE], run, t, SETTLE)
+    if run.plan[0].assemblies > 0:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, t, FIND_CLOSED)
+        evaluate(run, t, run.y)
 
 
 @shared

@@ -67,7 +67,7 @@ from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.log import note, note_sample, note_samples
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
-from xdynamics.march.run import BEGIN_LINKS, FIND_MEETING, HOLD_LINKS, LAND_ON_MEETING, NOTE_LINKS, Run
+from xdynamics.march.run import BEGIN_LINKS, FIND_CLOSED, FIND_MEETING, HOLD_LINKS, LAND_ON_MEETING, NOTE_LINKS, Run
 from xdynamics.march.run import BEGUN as STARTED
 from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
@@ -93,6 +93,7 @@ def meet(address: Any, number: float, command: int) -> None:
         meet, or a closed one lifts, if any do, which `tallies[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go
         on after the impacts. `HOLD_LINKS`: put the trial's state, at a time, back on closed links. `NOTE_LINKS`: write
         what is closed in it to the log. `RELEASE_LINKS`: let go of closed links that an event has set in motion.
+        `FIND_CLOSED`: find out which are closed in the state in `y`, from which a recorded step goes.
     """
     run = run_at(address)
     if command == BEGIN_LINKS:
@@ -105,6 +106,8 @@ def meet(address: Any, number: float, command: int) -> None:
         hold(run, number)
     elif command == NOTE_LINKS:
         note_links(run, number)
+    elif command == FIND_CLOSED:
+        find_closed(run)
     else:
         release_moved(run, number)
 
@@ -112,9 +115,37 @@ def meet(address: Any, number: float, command: int) -> None:
 @shared
 def begin(run: Run) -> None:
     """Refuse links that overlap at the start, by more than rounding, and find out which are closed there."""
-    run.closed[0], run.margins[SINCE, 0] = 0, -inf
     for i in range(run.greatest.shape[0]):
         run.greatest[i] = 0.0
+    if not look_around(run):
+        return
+    for k in range(run.tallies[COUNT]):
+        if overlaps(run, k):
+            run.now[0].status = CONTACT_PENETRATED
+            return
+    settle(run)
+    run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
+
+
+@shared
+def find_closed(run: Run) -> None:
+    """Find out which links are closed in the state in `y`, as a march does that begins there.
+
+    What rounding leaves of rates is a share of the speeds of the march, of which bodies at rest know nothing: the least is
+    what they would gain in the step without forces of links.
+    """
+    if look_around(run):
+        accelerations = run.plan[0].used
+        for i in range(run.plan[0].coordinates):
+            gained = abs(run.z[accelerations + i]) * run.now[0].step
+            run.spans[FASTEST] = max(run.spans[FASTEST], gained)
+        settle(run)
+
+
+@shared
+def look_around(run: Run) -> bool:
+    """List the links that may touch in the state in `y`; whether there is room for them."""
+    run.closed[0], run.margins[SINCE, 0] = 0, -inf
     copy(run.y, run.z)
     evaluate(run, run.now[0].t, run.z)
     copy(run.z, run.y)
@@ -123,17 +154,18 @@ def begin(run: Run) -> None:
     if not keep_boxes(run):
         blame(run, CROWDED, 0, 0)
         run.now[0].status = REASON_CONTACT
-        return
-    run.tallies[CLOSE], run.spans[FASTEST] = 0, fastest(run)
+        return False
+    run.tallies[CLOSE], run.spans[FASTEST] = run.tallies[COUNT], fastest(run)
     for k in range(run.tallies[COUNT]):
-        if overlaps(run, k):
-            run.now[0].status = CONTACT_PENETRATED
-            return
-        run.close[run.tallies[CLOSE]] = k
-        run.tallies[CLOSE] += 1
+        run.close[k] = k
+    return True
+
+
+@shared
+def settle(run: Run) -> None:
+    """Find forces of the links that touch, and which of them are closed."""
     if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
         run.now[0].status = REASON_CONTACT
-    run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
 
 
 @shared
