@@ -160,3 +160,50 @@ def test_draws_of_declared_elements(names: list[str], drawn: list[str]) -> None:
         xd.InputError, match=r"'m\[c\]' has no uncertainty in the model; there are m; 'm' has the elements"
     ):
         xd.sweep(xd.Model.from_text(text), {"draw": xd.Draws(4, ["m[c]"], design="declared")})
+
+
+CROSSED = """
+name = "crossed"
+[dimensions]
+site = 3
+[coordinates]
+u = { unit = "m", dims = ["site"] }
+q = "m"
+[parameters]
+c = "1 N m-1"
+[mass]
+u = "1*kilogram"
+q = "1*kilogram"
+[forces.springs]
+u = "-c*u*(1 + index(site))"
+q = "-1*newton"
+[events.passes]
+function = "q + 0.5*metre"
+direction = "falling"
+[initial]
+u = "metre*(1 + index(site))"
+q = "0 m"
+"""
+
+
+@pytest.mark.parametrize("head", ["after", "before"])
+@pytest.mark.parametrize("occurrences", [1, 2])
+def test_a_whole_quantity_at_an_event_is_that_of_the_member(head: str, occurrences: int) -> None:
+    """Assert the state of all elements at an event, one dimension more where several occurrences are kept, nan where none is."""
+    model, asked = xd.Model.from_text(CROSSED), {"method": "rk4", "step": "10 ms"}
+    word = f"{head}_passes_u"
+    more = {"occurrences": occurrences} if occurrences > 1 else {}
+    for until, is_met in (("1.5 s", True), ("0.5 s", False)):
+        sweep = xd.sweep(model, {"c": ["1 N m-1", "2 N m-1"]}, keep=[word], until=until, **asked, **more)
+        ends = sweep[word].compute()
+        assert ends.dims == sweep[word].dims == ("c", *(["occurrence"] if more else []), "site")
+        first = ends.isel(occurrence=0).values if more else ends.values
+        for k, value in enumerate(("1 N m-1", "2 N m-1")):
+            run = xd.simulate(model.replace(parameters={"c": value}), until=until, **asked)
+            if is_met:
+                row = int(run[f"event_row_{head}"][0])
+                assert first[k].tobytes() == run.u.values[row].tobytes()
+            else:
+                assert np.isnan(first[k]).all()
+        if more:
+            assert np.isnan(ends.isel(occurrence=1).values).all()

@@ -289,27 +289,24 @@ class _WordReader:
             return values
 
         description = f"{column.long_name}, {head.removesuffix('_')} '{detector}' was met"
-        kept = self._occurrences(word, detector, column.units, description, take)
-        return Kept(
-            kept.name,
-            kept.dims,
-            kept.sizes,
-            kept.units,
-            kept.long_name,
-            column.role,
-            kept.take,
-            reads=(*self.motion, name),
-        )
+        kept = self._occurrences(word, detector, column.units, description, take, column.dims[1:])
+        return replace(kept, role=column.role, reads=(*self.motion, name))
 
     def _occurrences(
-        self, name: str, detector: str, units: str, description: str, value: Callable[[Harvest, Values], Values]
+        self,
+        name: str,
+        detector: str,
+        units: str,
+        description: str,
+        value: Callable[[Harvest, Values], Values],
+        further: tuple[str, ...] = (),
     ) -> Kept:
-        """Return a variable over the kept occurrences of an event; without a dimension if only the first is kept."""
+        """Return a variable over the kept occurrences of an event, if there are to be several, and over its own dimensions."""
         begin, end = self.keeping.occurrences
-        count = end - begin
+        count, shape = end - begin, self.model.shapes.shape(further)
 
         def take(runs: Harvest) -> Values:
-            values = np.full((runs.size, count), np.nan)
+            values = np.full((runs.size, count, *shape), np.nan)
             places, members, which = runs.met(detector)
             selected = (which >= begin) & (which < end)
             values[members[selected], which[selected] - begin] = value(runs, places[selected])
@@ -318,7 +315,13 @@ class _WordReader:
         single = (begin, end) == (0, 1)
         dims, sizes = ((), ()) if single else ((OCCURRENCE,), (count,))
         return Kept(
-            name, dims, sizes, units, f"{description}{', first' if single else ''}; nan where it was not", EVENT, take
+            name,
+            (*dims, *further),
+            (*sizes, *shape),
+            units,
+            f"{description}{', first' if single else ''}; nan where it was not",
+            EVENT,
+            take,
         )
 
     def _extreme(self, word: str, name: str) -> list[Kept]:
