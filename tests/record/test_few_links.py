@@ -167,23 +167,26 @@ def test_a_log_of_states_is_completed_with_closed_links() -> None:
 
 def test_gaps_of_several_units_say_theirs() -> None:
     """Assert that a contact whose gap is an angle has its unit by name beside one whose gap is a length."""
-    stop = {"stop": {"gap": "phi", "restitution": 0}}
+    rubs = {"tangential": "coulomb", "slip": "v_psi", "friction": 0.3, "static": 0.4}
+    stop = {"stop": {"gap": "phi", "restitution": 0} | rubs}
     model = xd.Model(
         name="stops",
         dimensions={"ball": 2},
         relations={"pair": {"of": "ball"}},
-        coordinates={"y": {"unit": "m", "dims": ["ball"]}, "phi": "rad"},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}, "phi": "rad", "psi": "rad"},
         parameters={"m": "1 kg", "I": "1 kg m2 rad-2"},
-        mass={"y": "m", "phi": "I"},
+        mass={"y": "m", "phi": "I", "psi": "I"},
         forces={"down": {"y": "-1*newton", "phi": "-2*newton*metre/radian"}},
         contacts={"between": {"gap": "second(y, pair) - first(y, pair) - 1*metre", "restitution": 0}} | FLOOR | stop,
-        initial={"y": {"unit": "m", "value": [0.5, 1.5]}, "phi": "0 rad"},
+        initial={"y": {"unit": "m", "value": [0.5, 1.5]}, "phi": "0 rad", "psi": "0 rad", "v_psi": "1 rad/s"},
     )
     run = xd.simulate(model, until="6 ms", **STEPS)
     assert run.closed_gap.attrs["units"] == "1"
     assert run.closed_force.attrs["comment"] == "unit by contact: between N, floor N, stop N m"
     assert run.contact_force_stop.attrs["units"] == "N m"
+    assert run.closed_friction_force.attrs["units"] == run.friction_force_stop.attrs["units"] == "N m"
     own = run.closed_contact.attrs["flag_meanings"].split().index("stop")
+    assert run.closed_friction_force.values[run.closed_contact.values == own] == pytest.approx(-0.6, rel=1e-12)
     assert run.closed_force.values[run.closed_contact.values == own] == pytest.approx(2.0, rel=1e-12)
 
 
