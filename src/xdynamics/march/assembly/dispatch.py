@@ -117,13 +117,13 @@ def begin(run: Run) -> None:
     """Refuse links that overlap at the start, by more than rounding, and find out which are closed there."""
     for i in range(run.greatest.shape[0]):
         run.greatest[i] = 0.0
-    if not look_around(run):
+    if not list_near(run):
         return
     for k in range(run.tallies[COUNT]):
         if overlaps(run, k):
             run.now[0].status = CONTACT_PENETRATED
             return
-    settle(run)
+    close_touching(run)
     run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
 
 
@@ -134,16 +134,16 @@ def find_closed(run: Run) -> None:
     What rounding leaves of rates is a share of the speeds of the march, of which bodies at rest know nothing: the least is
     what they would gain in the step without forces of links.
     """
-    if look_around(run):
+    if list_near(run):
         accelerations = run.plan[0].used
         for i in range(run.plan[0].coordinates):
             gained = abs(run.z[accelerations + i]) * run.now[0].step
             run.spans[FASTEST] = max(run.spans[FASTEST], gained)
-        settle(run)
+        close_touching(run)
 
 
 @shared
-def look_around(run: Run) -> bool:
+def list_near(run: Run) -> bool:
     """List the links that may touch in the state in `y`; whether there is room for them."""
     run.closed[0], run.margins[SINCE, 0] = 0, -inf
     copy(run.y, run.z)
@@ -162,7 +162,7 @@ def look_around(run: Run) -> bool:
 
 
 @shared
-def settle(run: Run) -> None:
+def close_touching(run: Run) -> None:
     """Find forces of the links that touch, and which of them are closed."""
     if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
         run.now[0].status = REASON_CONTACT
