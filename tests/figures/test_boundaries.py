@@ -136,3 +136,29 @@ def test_discs_that_fall_straight_are_seen_in_the_plane() -> None:
     shown, all_of_them = (len([axes for axes in part.axes if axes.get_visible()]) for part in (drawn, every))
     assert f'{shown} of {all_of_them} panels; with panels = "all" also' in drawn.get_supxlabel()
     assert "panels" not in every.get_supxlabel()
+
+
+@pytest.mark.parametrize(("depth", "said"), [(0.06, ""), (50.0, "; outside the frame: floor")])
+def test_a_picture_holds_walls_nearby_and_names_others(depth: float, said: str) -> None:
+    """Assert that film and plane reach down to a floor under the path and say nothing, and name one that is too far off."""
+    ball = xd.Model(
+        name="ball",
+        coordinates={"x": "m", "y": "m"},
+        mass=dict.fromkeys("xy", "1*kilogram"),
+        initial={"x": "0 m", "y": "0 m", "v_x": "1 m s-1", "v_y": "1 m s-1"},
+        forces={"weight": {"y": "-9.81*newton"}},
+        contacts={"floor": {"gap": f"y + {depth}*metre", "restitution": 1.0}},
+    )
+    run = xd.simulate(ball, method="rk4", step=0.02, until=0.2)
+    scene = scene_of(run, None)
+    assert isinstance(scene, Bodies)
+    film = Figure(figsize=scene.size).subplots()
+    assert scene.start(film) == said
+    (orbit,) = xd.plot(run, only="plane").axes
+    title = orbit.get_title(loc="left").replace("\n", " ")
+    assert title == f"the plane (dot: start){said}"
+    for axes in (film, orbit):
+        assert -0.08 < axes.get_ylim()[0] < (0.0 if said else -depth)
+        walls = [item for item in axes.collections if type(item).__name__ == "QuadContourSet" and not item.filled]
+        levels = [path.vertices[:, 1] for item in walls for path in item.get_paths() if len(path.vertices)]
+        assert [level == pytest.approx(-depth, abs=1e-12) for level in levels] == [True] * (not said)

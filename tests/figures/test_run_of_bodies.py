@@ -95,4 +95,4 @@ def test_paths_of_many_bodies_differ_in_colour_and_have_names_at_their_ends() ->
     assert [*ends] == [*map(str, range(12))]
     assert [text.get_color() for text in axes.texts] == [legible(colour, 4.5) for colour in colours]
     assert ends["7"] == tuple(run["r"].values[-1, 7])
-    assert "ends: body, where there is room" in axes.get_title(loc="left").replace("\n", " ")
+    assert "body numbers at the ends, left out where crowded" in axes.get_title(loc="left").replace("\n", " ")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.figures.body_paths import BodyPath
+from xdynamics.figures.body_paths import NUMBERED, BodyPath
 from xdynamics.figures.contrast import LETTERS, legible
 from xdynamics.figures.line_panels import GREY, MOST_NAMED
 from xdynamics.figures.marks import COLOURS, shortened, words
@@ -57,12 +57,15 @@ def names_at_bodies(view: list[BodyPath]) -> list[str]:
 
 
 def name_ends(view: list[BodyPath], places: list[tuple[float, float]], axes: Axes) -> str:
-    """Put the names of bodies at the ends of their paths, where there is room; say so."""
+    """Put the names of bodies at the ends of their paths, where there is room, and return what the title says of them."""
     names = names_at_bodies(view)
     for place, name, colour in zip(places, names, colours_of(view), strict=False):
         style: dict[str, Any] = {"textcoords": "offset points", "fontsize": SMALL, "gid": EVENT}
         axes.annotate(name, place, (2, 2), color=legible(colour, LETTERS), **style)
-    return f"; ends: {view[0].dims}, where there is room" if names else ""
+    if not names:
+        return ""
+    what = f"{view[0].dims} numbers" if NUMBERED.fullmatch(view[0].body) else "names"
+    return f"; {what} at the ends, left out where crowded"
 
 
 def colour_key(view: list[BodyPath], axes: Any) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
 from xdynamics.figures.body_names import MOST_BODIES, colours_of
 from xdynamics.figures.body_paths import BodyPath
+from xdynamics.figures.marks import words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.shapes.trees import at
@@ -28,6 +29,8 @@ Floats = NDArray[np.float64]
 
 GRID = 160  # points along each side, among which a gap's zero is looked for
 GROUND = "0.6"
+REACH = 0.3  # of the longer side, up to which a picture is widened to show a wall
+BEHIND = 0.05  # of the longer side, that is shown behind it
 PLACE = "place"  # across or up, where it is an expression
 LIKE = 9  # digits in which two gaps agree that are of one wall
 PROBES = np.array([[0.0, 1.0, 0.0, 0.3, -0.7], [0.0, 0.0, 1.0, 0.9, 0.4]])  # of a view's longer side
@@ -73,10 +76,13 @@ class Boundary:
         Of one body.
     radius : float
         Of the body, in the axes' unit.
+    contact : str
+        What the model calls it.
     """
 
     gap: Gap
     radius: float = 0.0
+    contact: str = ""
     _grid: Any = None
     _line: Any = None
 
@@ -89,28 +95,66 @@ class Boundary:
         """Draw what stands still, with the forbidden side shaded; prepare what moves."""
         from matplotlib.collections import LineCollection
 
-        self._grid = np.meshgrid(*(np.linspace(low, high, GRID) for low, high in limits))
+        self._grid = _grid(limits)
         if self.moves:
             self._line = axes.add_collection(LineCollection([], colors=GROUND, linewidths=2.0), autolim=False)
             return
-        gaps = self._gaps(0.0)
+        gaps = self._gaps(self._grid, 0.0)
         if gaps.min() < 0.0 < gaps.max():
             axes.contourf(*self._grid, gaps, levels=[-np.inf, 0.0], colors=[GROUND], alpha=0.25)
             axes.contour(*self._grid, gaps, levels=[0.0], colors=[GROUND], linewidths=2.0)
 
-    def _gaps(self, now: float) -> Floats:
-        """Return how far the wall is from each point of the grid, shape (n, n)."""
-        across, up = self._grid
+    def _gaps(self, grid: tuple[Floats, Floats], now: float) -> Floats:
+        """Return how far the wall is from each point of a grid, shape (n, n)."""
+        across, up = grid
         found: Floats = self.gap.at(np.stack([across.ravel(), up.ravel()])[None], now) + self.radius
         return found.reshape(across.shape)
 
-    def at(self, now: float) -> Any:
-        """Put the line to where the gap is zero at a time."""
+    def lines(self, grid: tuple[Floats, Floats], now: float) -> list[Floats]:
+        """Return where the gap is zero at a time on a grid, each line of shape (n, 2)."""
         from contourpy import contour_generator
 
-        across, up = self._grid
-        self._line.set_segments(contour_generator(x=across, y=up, z=self._gaps(now)).lines(0.0))
+        found: list[Floats] = contour_generator(*grid, self._gaps(grid, now)).lines(0.0)  # type: ignore[assignment]
+        return found
+
+    def at(self, now: float) -> Any:
+        """Put the line to where the gap is zero at a time."""
+        self._line.set_segments(self.lines(self._grid, now))
         return self._line
+
+
+def _grid(limits: Floats) -> tuple[Floats, Floats]:
+    across, up = np.meshgrid(*(np.linspace(low, high, GRID) for low, high in limits))
+    return across, up
+
+
+def with_walls(limits: Floats, walls: Sequence[Boundary], times: Sequence[float]) -> tuple[Floats, str]:
+    """Return the limits of a picture, widened to hold the walls that are near, and what is said of those farther off.
+
+    Parameters
+    ----------
+    limits : ndarray, shape (2, 2)
+        Across and up, in the axes' unit.
+    walls : sequence of Boundary
+    times : sequence of float
+        At which walls that move are looked for.
+    """
+    longer, far, near = float(np.ptp(limits, axis=-1).max()), list[str](), set[str]()
+    wide, held = _grid(limits + REACH * longer * np.array([-1.0, 1.0])), limits
+    for wall in walls:
+        lines = [line for now in (times if wall.moves else times[:1]) for line in wall.lines(wide, now)]
+        if not lines:
+            far.append(wall.contact)
+            continue
+        near.add(wall.contact)
+        points = np.concatenate(lines).T
+        beyond = np.hypot(*np.maximum(0.0, np.maximum(limits[:, :1] - points, points - limits[:, 1:])))
+        place = points[:, int(np.argmin(beyond))]
+        low = np.where(place < limits[:, 0], np.minimum(held[:, 0], place - BEHIND * longer), held[:, 0])
+        high = np.where(place > limits[:, 1], np.maximum(held[:, 1], place + BEHIND * longer), held[:, 1])
+        held = np.stack([low, high], axis=-1)
+    names = [f"part of {name}" if name in near else name for name in dict.fromkeys(far)]
+    return held, f"; outside the frame: {', '.join(names)}" if names else ""
 
 
 def boundaries(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Boundary]:
@@ -128,9 +172,20 @@ def boundaries(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Bou
         values = gap.at(span * PROBES[None], float(view[0].times[0])) + radius
         key = (contact, *np.round((values - values[0]) / span, LIKE).tolist())
         if key not in found or values[0] > found[key][0]:
-            found[key] = (float(values[0]), Boundary(gap, radius))
+            found[key] = (float(values[0]), Boundary(gap, radius, contact))
     walls = {(*key[1:], round(value / span, LIKE)): wall for key, (value, wall) in found.items()}
     return [*walls.values()]
+
+
+def draw_walls(walls: Sequence[Boundary], axes: Axes) -> None:
+    """Draw the walls that stand still into a picture of paths, and say in its title which are outside."""
+    still = [wall for wall in walls if not wall.moves]
+    limits, said = with_walls(np.array([axes.get_xlim(), axes.get_ylim()]), still, [0.0])
+    for wall in still:
+        wall.start(axes, limits)
+    if still:
+        axes.set(xlim=limits[0], ylim=limits[1])
+        axes.set_title(axes.get_title(loc="left") + words(said), loc="left", fontsize=10)
 
 
 def _of_single_bodies(

@@ -231,9 +231,11 @@ def _panels(
 
 
 def _plane(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> None:
-    """Draw the paths of bodies, as large as they are where they meet as discs, and what joins them at the start."""
-    discs = boundaries.draw_discs(view, boundaries.radii_of(run, view), axes)
+    """Draw the paths of bodies, as large as they are where they meet as discs, what joins them at the start, and walls."""
+    radii = boundaries.radii_of(run, view)
+    discs = boundaries.draw_discs(view, radii, axes)
     plane.draw(run, view, beside, axes, joined=scenery.draw_at_start(run, view, axes), discs=discs)
+    boundaries.draw_walls(boundaries.boundaries(run, view, radii), axes)
 
 
 def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:

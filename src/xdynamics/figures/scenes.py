@@ -21,7 +21,7 @@ from xdynamics.figures.body_names import (
     names_at_bodies,
 )
 from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.boundaries import Boundary, boundaries, radii_of
+from xdynamics.figures.boundaries import Boundary, boundaries, radii_of, with_walls
 from xdynamics.figures.contrast import LETTERS, legible
 from xdynamics.figures.element_scenes import Plate, Profile
 from xdynamics.figures.fields import whole_fields
@@ -42,6 +42,7 @@ Floats = NDArray[np.float64]
 
 LARGE = 8.0  # points of a name on a disc
 BESIDE = (4.0, 3.0)  # points from the middle of a dot to its name
+LOOKED_AT = 9  # times at which walls that move are looked for
 MOST_TRAILED = 1000  # points of a trail
 MOST_TRAILS = 30  # bodies with a trail; many would hide each other
 
@@ -147,7 +148,12 @@ class Bodies:
 
     @property
     def _limits(self) -> Floats:
-        """What the axes hold, shape (2, 2): the motion, and no side much shorter than the other."""
+        """What the axes hold, shape (2, 2)."""
+        return self._framed[0]
+
+    @cached_property
+    def _framed(self) -> tuple[Floats, str]:
+        """What the axes hold: the motion, no side much shorter than the other, and walls nearby; and which walls they do not."""
         low, high = self._frame.limits.T
         if any((part.ends < 0).any() for part in self.fastenings):  # to the origin
             low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
@@ -157,7 +163,9 @@ class Bodies:
         low, high = low - beyond, high + beyond
         longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
         half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
-        return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
+        limits = np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
+        times = np.linspace(float(self.times[0]), float(self.times[-1]), LOOKED_AT).tolist()
+        return with_walls(limits, self.boundaries, times)
 
     def start(self, axes: Axes) -> str:
         """Prepare dots, links and trails; both axes have one scale, that holds the whole motion."""
@@ -176,8 +184,8 @@ class Bodies:
         self._trails = axes.add_collection(trails, autolim=False)
         for fastening in self.fastenings:
             fastening.start(axes, self._limits)
-        for boundary in self.boundaries:
-            boundary.start(axes, self._limits)
+        for wall in self.boundaries:
+            wall.start(axes, self._limits)
         self._dots = self._bodies(axes, colours[: len(shown)])
         for name, colour in zip(self._names, colours, strict=False):
             axes.plot([], [], "o", color=colour, markersize=6, label=words(name))
@@ -185,7 +193,7 @@ class Bodies:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False, handletextpad=0.2)
         self._tags = self._named(axes, colours)
         scale = f", colours from {view[0].label} to {shown[-1].body}" if self._is_scaled else ""
-        return f"{left_out(view)}{leaving(self._frame, view, self.time)}{words(scale)}"
+        return f"{left_out(view)}{leaving(self._frame, view, self.time)}{words(scale + self._framed[1])}"
 
     @property
     def _is_scaled(self) -> bool:
