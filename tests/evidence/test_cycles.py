@@ -311,3 +311,21 @@ def test_periods_of_a_study_are_of_one_level() -> None:
     assert study.period_x.values[0] != float(own[0].periods.mean())
     assert float(study.crossing_level_x) == own[-1].level
     assert "crossing_level_x upward, a level that the finest run chose for all" in study.period_x.attrs["long_name"]
+
+
+@pytest.mark.parametrize(("start", "hardly"), [("1e-12 m", True), ("1e-6 m", False)])
+def test_an_element_that_hardly_moves_beside_others_is_doubted(start: str, hardly: bool) -> None:
+    """Assert that cycles of an element which moves as rounding does are said to say little; of one that moves, not."""
+    model = xd.Model(
+        name="two oscillators",
+        dimensions={"site": 2},
+        coordinates={"u": {"unit": "m", "dims": ["site"]}},
+        parameters={"k": "1 N/m", "A": {"dims": ["site"], "value": [start, "1 m"]}},
+        mass={"u": "1*kilogram"},
+        forces={"spring": {"u": "-k*u"}},
+        initial={"u": "A"},
+    )
+    run = xd.simulate(model, method="rk4", until="20 s", step="0.1 s")
+    doubt = xd.diagnose(run, companion=False).attrs.get("cycle_doubt", "")
+    assert doubt.startswith("u[0] moves by 2e-12 of the largest u alone, as rounding does") == hardly
+    assert bool(doubt) == hardly

@@ -16,6 +16,7 @@ from xdynamics.evidence.chunks import Chunks
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.named_elements import find_column
+from xdynamics.shapes.naming import parted
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +25,7 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 SMALLEST = 1e-6  # of the range: a smaller rise and fall is not a swing
+ROUNDING = 1e-9  # of the largest value of a quantity: an element that moves by less hardly moves beside the others
 TURNS = 60  # of a search: at least every eighth one halves the bracket
 TURN = 2.0 * np.pi
 
@@ -43,6 +45,8 @@ class Cycles:
         Why this level.
     maxima : int
         How often the coordinate turns from rising to falling.
+    share : float
+        Of an element, its range over the largest value of its quantity; else 1.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Cycles:
     uncertainties: Floats
     rule: str
     maxima: int
+    share: float = 1.0
 
     @property
     def periods(self) -> Floats:
@@ -59,7 +64,12 @@ class Cycles:
 
     @property
     def doubt(self) -> str:
-        """Return a warning if the coordinate turns more often than it passes the level; empty if it does not."""
+        """Return a warning if the coordinate hardly moves, or turns more often than it passes the level; else empty."""
+        if self.share < ROUNDING:
+            return (
+                f"{self.name} moves by {self.share:.1g} of the largest {parted(self.name)[0]} alone, as rounding does:"
+                " its cycles say little; name a coordinate that moves"
+            )
         if len(self.times) >= self.maxima - 1:
             return ""
         times = {0: "never", 1: "once"}.get(len(self.times), f"{len(self.times)} times")
@@ -107,7 +117,7 @@ def cycles(
         level, rule = _chosen(rows, name, turns, maxima)
     risen = _risen(rows, name, [level])[0]
     located = _located(rows, name, level, risen, functions) if risen.size else (np.zeros(0), np.zeros(0))
-    return Cycles(name, level, *located, rule, maxima)
+    return Cycles(name, level, *located, rule, maxima, _share(rows, name, turns.high - turns.low))
 
 
 def chosen_level(run: xr.Dataset, name: str, functions: Mapping[str, Callable[..., float]] | None = None) -> float:
@@ -189,6 +199,16 @@ def _turned(rows: Chunks, name: str) -> Turns:
     swings = np.abs(np.diff(np.concatenate([[first], turns, [last]])))
     large = np.maximum(swings[:-1], swings[1:]) > SMALLEST * float(high - low)
     return Turns(np.concatenate(found)[large], turns[large], float(low), float(high))
+
+
+def _share(rows: Chunks, name: str, extent: float) -> float:
+    """Return the range of an element over the largest value of its quantity; 1 of what is no element."""
+    whole = parted(name)[0]
+    if whole == name:
+        return 1.0
+    elements = [other for other in map(str, rows.run.variables) if other == whole or parted(other)[0] == whole]
+    largest = max(np.max(np.abs(part.own(other)), initial=0.0) for part in rows.parts(*elements) for other in elements)
+    return extent / float(largest) if largest > 0.0 else 1.0
 
 
 def _chosen(rows: Chunks, name: str, turns: Turns, maxima: int) -> tuple[float, str]:
