@@ -245,6 +245,22 @@ def test_verlet_refuses_drag_and_names_what_fits() -> None:
         xd.simulate(SMOOTH["linear_drag"]().model, method="velocity_verlet")
 
 
+def test_verlet_refuses_a_curved_gap_and_says_so() -> None:
+    """Assert that the force of a contact on a round surface, which grows with the speed along it, is named with its reason."""
+    round_floor = xd.Model(
+        name="on a cylinder",
+        coordinates={"x": "m", "y": "m"},
+        mass=dict.fromkeys("xy", "1*kilogram"),
+        forces={"weight": {"y": "-9.81*newton"}},
+        contacts={"cylinder": {"gap": "hypot(x, y) - 1*metre", "restitution": 0.0}},
+        initial={"x": "0 m", "y": "2 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+    )
+    with pytest.raises(
+        xd.InputError, match=r"\('contact_force_cylinder' along a curved gap depends on v_x, v_y\); these"
+    ):
+        xd.simulate(round_floor, method="velocity_verlet", step=0.01, until=0.1)
+
+
 def test_verlet_refuses_angle_dependent_mass() -> None:
     """Assert that a full mass matrix that depends on coordinates is refused."""
     model = xd.Model.from_toml(MODELS / "double_pendulum.toml")

@@ -132,7 +132,7 @@ def test_another_value_takes_the_unit(value: Any, text: str, unit: str) -> None:
         ("2*index(site)*newton", r"k = '2\*index\(site\)\*newton' has units 'kg m s-2 \(N\)', needs 'kg s-2', or none"),
         ("2*index(cell)", r"parameter 'k': '2\*index\(cell\)' has the dimension 'cell', and it needs site; reduce it"),
         ("2*m", r"parameter 'k': '2\*m' reads 'm'; a parameter by an expression is of constants and index"),
-        ("1/index(site)", r"parameter by '1/index\(site\)' is inf for element 0, and needs finite numbers"),
+        ("1/index(site)", r"parameter 'k': '1/index\(site\)' is inf at k\[0\], and needs finite numbers"),
         ("3 s", r"parameter 'k': has '3 s' beside values in 'N m-1'; elements of one quantity need one unit"),
     ],
 )

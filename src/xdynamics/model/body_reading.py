@@ -20,12 +20,12 @@ from xdynamics.model.bodies import (
 )
 from xdynamics.model.body_functions import with_functions
 from xdynamics.model.body_sections import AXES, CENTRE, Body, triple
-from xdynamics.model.given_values import is_expression
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.joints import with_joints
 from xdynamics.model.kinds import LIMIT, Source
 from xdynamics.model.table_keys import keys, near
 from xdynamics.model.unit_vectors import normalised, plain_numbers, unit_quaternion
+from xdynamics.model.value_forms import is_expression
 from xdynamics.schema import velocity
 from xdynamics.units import parse_quantity
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.model.elements import Elements
+from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.elementwise import Elementwise
 from xdynamics.model.given_values import Values
 from xdynamics.model.statement import Statement
@@ -37,7 +37,7 @@ def following(declared: Statement, elements: Statement, old: Statement, shapes: 
     """
     if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
         return elements
-    start = Elements(gathered(declared, old, shapes), shapes).started(elements.parameters)
+    start = ElementNumbers(gathered(declared, old, shapes), shapes).started(elements.parameters)
     same = {name: quantity for name, quantity in start.items() if elements.initial[name] == old.initial[name]}
     return replace(elements, initial=elements.initial | same)
 
@@ -68,8 +68,8 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
             continue
         parts = [elements.parameters[element] for element in shapes.elements(name)]
         filled = _filled(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
-        arrays[name] = values if _is_same(filled, numbered(values, declared, shapes)) else filled
-    start = Elements(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
+        arrays[name] = values if _is_same(filled, numbered(name, values, declared, shapes)) else filled
+    start = ElementNumbers(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
     for name, values in declared.starting.items():
         if _is_as_read(elements.initial, name) and not (start and values.tree):
             starting[name] = values
@@ -79,7 +79,7 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
         numbers = tuple(elements.initial[name] for name in names)
         filled = _filled(values, numbers, spreads)
         if values.tree is None:
-            same = _is_same(filled, numbered(values, declared, shapes))
+            same = _is_same(filled, numbered(name, values, declared, shapes))
         else:
             same = all(start[name] == elements.initial[name] for name in names)
         starting[name] = values if same else filled
@@ -95,17 +95,17 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
     )
 
 
-def numbered(values: Values, statement: Statement, shapes: Shapes) -> Values:
+def numbered(name: str, values: Values, statement: Statement, shapes: Shapes) -> Values:
     """Return values with a number for each element: of their expression of constants, or of the one that all have."""
-    numbers, _, unit = Elements(statement, shapes).numbers(values)
+    numbers, _, unit = ElementNumbers(statement, shapes).numbers(values, name)
     return replace(values, tree=None, numbers=tuple(numbers if values.tree is None else numbers.tolist()), unit=unit)
 
 
 def written_out(statement: Statement, shapes: Shapes) -> Statement:
     """Return a statement with a number for each element, however they are given; expressions of parameters stay."""
-    arrays = {name: numbered(values, statement, shapes) for name, values in statement.arrays.items()}
+    arrays = {name: numbered(name, values, statement, shapes) for name, values in statement.arrays.items()}
     starting = {
-        name: values if values.tree else numbered(values, statement, shapes)
+        name: values if values.tree else numbered(name, values, statement, shapes)
         for name, values in statement.starting.items()
     }
     return replace(statement, arrays=arrays, starting=starting)

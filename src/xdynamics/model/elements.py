@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from xdynamics.expressions import Along, Node, derivatives, free_names, shown
-from xdynamics.expressions.calculus import ONE, ZERO, negative
-from xdynamics.expressions.evaluation import evaluate, evaluate_many
-from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.expressions import Along, Node
+from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potential
 from xdynamics.model.controllers import each_tree
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import Table
-from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, finite, in_si
+from xdynamics.model.element_numbers import ElementNumbers, Place
+from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.entries import columns_of_drive
-from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (
@@ -33,28 +28,19 @@ from xdynamics.model.parts import (
     Force,
     Function,
     Observable,
-    Parameter,
     State,
     Validation,
 )
 from xdynamics.model.statement import Statement
-from xdynamics.schema import velocity
-from xdynamics.shapes import Shapes, at, dims_of, gradient, written
-from xdynamics.shapes.blocks import Blocks
-from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes import at, dims_of, gradient, written
 from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import expanded, total
-from xdynamics.units import Quantity, Unit, constant
 
-Place = Mapping[str, int]
 Part = TypeVar("Part")
 
 
-class Elements:
+class Elements(ElementNumbers):
     """Makes the statement of single numbers of one with dimensions."""
-
-    def __init__(self, statement: Statement, shapes: Shapes) -> None:
-        self.statement, self.shapes = statement, shapes
 
     def whole(self) -> Statement:
         """Return the statement of the elements.
@@ -112,20 +98,8 @@ class Elements:
         doubled = (2 if part.slip else 1 for part in self.statement.contacts.values())
         return sum(map(math.prod, zip(sizes, doubled, strict=True))) > MOST_REACTIONS
 
-    def _names(self, name: str) -> list[str]:
-        return self.shapes.elements(name)
-
-    def _placed(self, name: str) -> Iterator[tuple[str, Place]]:
-        """Yield the elements of a quantity with their places."""
-        for place in self.shapes.places(self.shapes.dims.get(name, ())):
-            yield self.shapes.element(name, place), place
-
     def _trees(self, trees: Mapping[str, Node]) -> dict[str, Node]:
         return self._each({name: partial(self._at, tree) for name, tree in trees.items()})
-
-    def _each(self, makers: Mapping[str, Callable[[Place], Part]]) -> dict[str, Part]:
-        """Return what makers make for every element, where it is asked for."""
-        return Elementwise(self.shapes, makers)
 
     def _at(self, tree: Node, place: Place) -> Node:
         return at(tree, place, self.shapes)
@@ -138,24 +112,6 @@ class Elements:
 
     def _observable(self, part: Observable, place: Place) -> Observable:
         return replace(part, expression=self._at(part.expression, place))
-
-    def _parameters(self) -> dict[str, Parameter]:
-        makers: dict[str, Callable[[Place], Parameter]] = {
-            name: always(part) for name, part in self.statement.parameters.items()
-        }
-        for name, values in self.statement.arrays.items():
-            makers[name] = ParameterNumbers(*self.numbers(values), values)
-        return self._each(makers)
-
-    def numbers(self, values: Values) -> tuple[Any, tuple[int, ...], Unit]:
-        """Return a number for each element, with their shape and unit; no expression may read parameters."""
-        shape = self.shapes.shape(values.dims)
-        if values.tree is None:
-            every = values.numbers * math.prod(shape) if len(values.numbers) == 1 else values.numbers
-            return every, shape, unit_of(values)
-        constants = _constants(self.statement.unit_constants)
-        numbers = evaluate_elements(values.tree, values.dims, constants, self.shapes).ravel()
-        return finite(numbers, values.tree), shape, unit_of(values)
 
     def _mass(self) -> Sequence[tuple[Node, ...]]:
         old, names = self.statement, [*self.statement.coordinates]
@@ -289,112 +245,7 @@ class Elements:
             }
         return run
 
-    def _start(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
-        """Return values at the start."""
-        old, ledger = self.statement, Ledger(f"model '{self.statement.name}'", ModelError)
-        initial: dict[str, Callable[[Place], Quantity]] = {
-            name: always(quantity) for name, quantity in old.initial.items()
-        }
-        starts = dict(old.starts)
-        for name, values in old.starting.items():
-            with ledger.entry(f"initial value of '{name}'"):
-                made = initial[name] = self._started(name, values, parameters)
-                if values.spreads or values.description:
-                    for i, (element, place) in enumerate(self._placed(name)):
-                        if (spread := values.spread(i)) or values.description:
-                            starts[element] = Parameter(made(place), spread, values.description)
-        ledger.raise_faults()
-        order = ["t", *(word for q in old.coordinates for word in (q, velocity(q))), *old.states]
-        ranked = {name: initial[name] for name in order if name in initial}
-        at_rest = Blocks.of("velocity", old.at_rest, self.shapes)
-        return {"initial": self._each(ranked | initial), "starts": starts, "at_rest": at_rest}
-
-    def started(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
-        """Return every value at the start that is an array or an expression, by element."""
-        return {
-            element: made(place)
-            for name, values in self.statement.starting.items()
-            for made in (self._started(name, values, parameters),)
-            for element, place in self._placed(name)
-        }
-
-    def _started(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
-        """Return what makes the values of a quantity at the start."""
-        shape = self.shapes.shape(self.shapes.dims.get(name, ()))
-        if values.tree is None:
-            assert values.unit is not None  # noqa: S101 - numbers have a unit
-            one = values.numbers[0] if len(values.numbers) == 1 else np.reshape(values.numbers, shape)
-            return Numbers(np.broadcast_to(one, shape), values.unit)
-        unit = self._units()[name]
-        numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters))
-        numbers = numbers / float(unit.factor)
-        # of one number for a million elements there is one
-        return Numbers(numbers if dims_of(values.tree, self.shapes) else np.broadcast_to(numbers.flat[0], shape), unit)
-
-    def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
-        """Return the values that an expression may read, in SI units: parameters and constants."""
-        known: dict[str, Any] = _constants(self.statement.unit_constants)
-        for name in free_names(tree):
-            if dims := self.shapes.dims.get(name, ()):
-                if name in self.statement.arrays:
-                    known[name] = in_si(parameters, Blocks.of("", [name], self.shapes)).reshape(self.shapes.shape(dims))
-            elif name in parameters:
-                known[name] = parameters[name].quantity.si
-        return known
-
-    def read_at_start(self) -> frozenset[str]:
-        """Return the parameters that values at the start follow."""
-        read = (name for _, _, tree in self._expressions() for name in free_names(tree))
-        return frozenset(read) - {*self.statement.unit_constants, "pi"}
-
-    def slopes(self, numbers: Mapping[str, Parameter], by: Iterable[str]) -> dict[tuple[str, str], float]:
-        """Return the derivatives of values at the start by parameters, where they are not zero, in SI units."""
-        return {
-            (element, word): evaluate(rate, self._known(rate, numbers))
-            for _, element, tree in self._expressions()
-            for word, rate in derivatives(tree, {word: {word: ONE} for word in by}).items()
-        }
-
-    def varied(self, parameters: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
-        """Return values at the start, in SI units, for arrays of parameters that some of them follow.
-
-        Every number has the bits that the model with those parameters has.
-        """
-        values: dict[str, Any] = _constants(self.statement.unit_constants) | dict(known) | dict(parameters)
-        starts = {}
-        for name, element, tree in self._expressions():
-            if free_names(tree) & parameters.keys():
-                unit = self._units()[name]
-                numbers = np.broadcast_to(
-                    evaluate_many(tree, values) / float(unit.factor), len(next(iter(parameters.values())))
-                )
-                starts[element] = np.array([unit.to_si(number) for number in numbers.tolist()])
-        return starts
-
-    def _expressions(self) -> Iterator[tuple[str, str, Node]]:
-        """Yield the quantity, the element and the expression of each value at the start that is one."""
-        for name, values in self.statement.starting.items():
-            if values.tree is not None:
-                for element, place in self._placed(name):
-                    yield name, element, at(values.tree, place, self.shapes)
-
-    def _units(self) -> dict[str, Unit]:
-        time, old = self.statement.time_unit, self.statement
-        units = {name: part.unit for name, part in (old.coordinates | old.states).items()}
-        return units | {velocity(name): part.unit.per(time) for name, part in old.coordinates.items()}
-
-    def _evaluated(self, tree: Node, dims: tuple[str, ...], known: Mapping[str, Any]) -> NDArray[np.float64]:
-        if missing := sorted(free_names(tree) - known.keys()):
-            raise InputError(
-                f"'{shown(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
-            )
-        return evaluate_elements(tree, dims, known, self.shapes)
-
 
 def _by_element(make: Callable[[str, Part], Iterator[tuple[str, Part]]], parts: Mapping[str, Part]) -> dict[str, Part]:
     """Return what is made for every element of every part."""
     return {element: made for name, part in parts.items() for element, made in make(name, part)}
-
-
-def _constants(unit_constants: Iterable[str]) -> dict[str, float]:
-    return {name: float(constant(name).factor) for name in unit_constants} | {"pi": math.pi}

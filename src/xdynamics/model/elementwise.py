@@ -9,8 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Node, shown
-from xdynamics.faults import ModelError
 from xdynamics.model.given_values import Values
 from xdynamics.model.parts import Parameter
 from xdynamics.runtime.cached_properties import cached_property
@@ -26,20 +24,6 @@ Make = Callable[[Mapping[str, int]], Part]
 def always(part: Part) -> Make[Part]:
     """Return what makes the same for every element."""
     return lambda _: part
-
-
-def finite(numbers: NDArray[np.float64], tree: Node) -> NDArray[np.float64]:
-    """Return the numbers of an expression, if they are any.
-
-    Raises
-    ------
-    ModelError
-        With the expression and the first element that has none.
-    """
-    if (wrong := np.flatnonzero(~np.isfinite(numbers))).size:
-        i = int(wrong[0])
-        raise ModelError(f"parameter by '{shown(tree)}' is {numbers[i]} for element {i}, and needs finite numbers")
-    return numbers
 
 
 class Numbers:

@@ -32,6 +32,7 @@ from xdynamics.model.python_tables import tabled
 from xdynamics.model.section import Section
 from xdynamics.model.table_keys import keys
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, parted, spread_of
+from xdynamics.model.value_forms import is_expression
 from xdynamics.shapes import Shapes
 from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity
 
@@ -57,6 +58,11 @@ def parameter(value: Any, unit: str | None = None, description: str = "", **spre
     InputError
         If the value has a unit already.
     """
+    if is_expression(value):
+        raise InputError(
+            f"{value!r} is an expression, needs a number with a unit, like '0.145 kg'; what follows from parameters is a"
+            " definition"
+        )
     quantity = parse_quantity(value)
     if unit is not None and quantity.unit.text != "1":
         raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")

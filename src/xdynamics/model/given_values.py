@@ -14,13 +14,12 @@ from xdynamics.model.csv_sheet import Sheet, title
 from xdynamics.model.csv_sheet import shown as shown_cell
 from xdynamics.model.element_room import check_room
 from xdynamics.model.kinds import Source
-from xdynamics.model.python_values import as_in_file, is_array
+from xdynamics.model.python_values import as_in_file
 from xdynamics.model.table_keys import near
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
+from xdynamics.model.value_forms import is_expression, is_meant
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
-
-OF_ELEMENTS = ("dims", "values", "table", "csv", "column", "columns")  # keys of a quantity with dimensions alone
 
 
 @dataclass(frozen=True)
@@ -58,28 +57,6 @@ class Values:
         return Values(self.dims, unit_of(self), (0.0,) if self.dims == () else (), tree=None)
 
 
-def is_of_elements(entry: Any) -> bool:
-    """Whether an entry has values for elements, or is an expression."""
-    if isinstance(entry, Mapping):
-        return any(key in entry for key in OF_ELEMENTS) or is_of_elements(entry.get("value"))
-    return isinstance(entry, list | tuple) or is_array(entry) or is_expression(entry)
-
-
-def is_expression(value: Any) -> bool:
-    """Whether a text is an expression, and no number with a unit."""
-    if not isinstance(value, str) or parted(value):
-        return False
-    try:
-        parse_quantity(value)
-    except InputError:
-        try:
-            parse(value)
-        except InputError:
-            return False
-        return True
-    return False
-
-
 def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] | None = None) -> Values:
     """Read the values of a quantity with dimensions.
 
@@ -109,7 +86,7 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
     if len(ways) != 1 and ways != ["table", "csv"]:
         raise InputError(f"needs one of value, values, table; has {' and '.join(ways) or 'none of them'}")
     shape = shapes.shape(dims)
-    if "value" in entry and is_expression(entry["value"]):
+    if is_expression(entry.get("value")) or is_meant(entry.get("value")):
         return _by_expression(entry, dims, shape, at_start=declared is not None)
     check_room(dims, shapes)
     if "values" in entry:
@@ -320,6 +297,11 @@ def _spreads(
     """Read uncertainties: one for all elements, or a list like that of the values."""
     value = Quantity(0.0, unit)  # whose unit alone counts
     listed = [key for key in SIZES if isinstance(entry.get(key), list | tuple)]
+    if wrong := [key for key in SIZES if is_expression(entry.get(key)) or is_meant(entry.get(key))]:
+        raise InputError(
+            f"{wrong[0]} is the expression '{entry[wrong[0]]}'; write one number with a unit for all elements, or a list"
+            " with one for each"
+        )
     if not listed:
         spread = spread_of(entry, value)
         return () if spread is None else (spread,)

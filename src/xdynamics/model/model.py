@@ -16,6 +16,7 @@ from xdynamics.model.body_consistency import check_bodies_made
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
 from xdynamics.model.drive_arguments import CLOCK
+from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
 from xdynamics.model.elements import Elements
@@ -265,20 +266,20 @@ class Model(ModelTrees):
     @cached_property
     def read_at_start(self) -> frozenset[str]:
         """The parameters that expressions of values at the start read."""
-        return frozenset() if self._declared is None else Elements(self.shaped, self.shapes).read_at_start()
+        return frozenset() if self._declared is None else ElementNumbers(self.shaped, self.shapes).read_at_start()
 
     def slopes_at_start(self, parameters: Iterable[str]) -> dict[tuple[str, str], float]:
         """Return the derivatives of values at the start by parameters that they follow, by both names, in SI units."""
         if not self.read_at_start.intersection(parameters):
             return {}
-        return Elements(self.shaped, self.shapes).slopes(self.parameters, parameters)
+        return ElementNumbers(self.shaped, self.shapes).slopes(self.parameters, parameters)
 
     def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
         if not self.read_at_start & parameters.keys():
             return {}
         known = {name: part.quantity.si for name, part in self.parameters.items()}
-        return Elements(self.shaped, self.shapes).varied(parameters, known)
+        return ElementNumbers(self.shaped, self.shapes).varied(parameters, known)
 
     @cached_property
     def read_by_points(self) -> frozenset[str]:

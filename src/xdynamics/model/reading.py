@@ -15,7 +15,7 @@ from xdynamics.model.body_reading import with_bodies
 from xdynamics.model.controllers import check_controllers, held
 from xdynamics.model.controllers import starts as first_values
 from xdynamics.model.file_access import FileAccess
-from xdynamics.model.given_values import Values, is_of_elements, values_of
+from xdynamics.model.given_values import Values, values_of
 from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.kinds import Source, description
 from xdynamics.model.lagrangian import TERMS, motion_of
@@ -28,6 +28,7 @@ from xdynamics.model.statement import Statement
 from xdynamics.model.table_keys import choice, keys, near
 from xdynamics.model.text_limits import excess
 from xdynamics.model.uncertainty import correlations_of
+from xdynamics.model.value_forms import is_of_elements
 from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes, prepared
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, time_in

@@ -10,7 +10,7 @@ from typing import Any
 from xdynamics.expressions import parse
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.file_access import ANYWHERE, FileAccess
-from xdynamics.model.given_values import Values, is_expression, unit_of
+from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Parameter
@@ -19,6 +19,7 @@ from xdynamics.model.reading import read
 from xdynamics.model.statement import Statement
 from xdynamics.model.toml import tables_of
 from xdynamics.model.uncertainty import SIZES, parted
+from xdynamics.model.value_forms import is_expression
 from xdynamics.units import NONE, parse_quantity, parse_unit
 
 _ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries nothing else is read from

@@ -94,7 +94,7 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     masses = [("the mass", model.reads(entry)) for entry in entries]
     pressed = [
         (
-            f"'{reaction.name}'",
+            f"'{reaction.name}'{' along a curved gap' * (reaction.sort == NORMAL and reaction.owner in model.contacts)}",
             set().union(*(model.reads(tree) for tree in (*reaction.row.values(), reaction.bias, *sizes))),
         )
         for reaction in reactions(model)

@@ -142,7 +142,10 @@ def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:
 
 
 def _size(written: Any, key: str, value: Quantity) -> Quantity:
-    size = parse_quantity(written, difference=True)
+    try:
+        size = parse_quantity(written, difference=True)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
     if size.unit.text == "1":
         size = Quantity(size.value, value.unit)
     if size.value < 0:

@@ -34,6 +34,7 @@ _OF_TIME = "units of time are s, ms, us, min, h, day, month and year"
 _DAYS_OF_MONTH = Fraction("365.25") / 12
 _OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){unit}(?![A-Za-z])" for unit in _CELSIUS))
 _BELOW = re.compile(r"/\s*\(([^()/]+)\)")
+OPERATORS = ("*", "+", "-", "(", ")")  # that an expression has behind a number, and no unit begins with
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
 
 
@@ -184,7 +185,12 @@ def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
     match = _NUMBER.match(text)
     if not match:
         raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    return _quantity(read(match[0]), text[match.end() :].strip() or "1", shown, difference=difference)
+    rest = text[match.end() :].strip()
+    if rest[:1] in OPERATORS:
+        raise InputError(
+            f"quantity {shown} has '{rest[0]}' after its number; write a number and a unit, like '0.145 kg'"
+        )
+    return _quantity(read(match[0]), rest or "1", shown, difference=difference)
 
 
 def unit_text(text: str) -> str:
