@@ -299,9 +299,10 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         uncertainty = float(study[f"uncertainty_{name}"].isel(place))
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
         yield (f"{called}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
-    if places == [OCCURRENCE] and count > MOST_SHOWN:
-        more = "1 further occurrence is" if count == MOST_SHOWN + 1 else f"{count - MOST_SHOWN} further occurrences are"
-        yield f"{name}: {more} in the record"
+    if places == [OCCURRENCE] and name.startswith("event_time_"):  # said once, not of every state after the event
+        further = int(variable.isel({LEVEL: -1}).count()) - MOST_SHOWN
+        more = "1 further occurrence is" if further == 1 else f"{further} further occurrences are"
+        yield from [f"{called}: {more} in the record"] if further > 0 else []
 
 
 SUMMARIES = {"refinement": lines_of}
