@@ -48,15 +48,16 @@ def nonfinite(run: Run) -> int:
 def land(run: Run) -> None:
     """Count the grid time or node that the trial ends at; after the last one the run is complete."""
     now, trial = run.now[0], run.trial[0]
-    on_grid = trial.landing in (AT_GRID, AT_BOTH, AT_BREAK_AND_GRID)
     if run.delays.shape[0] > 0:
         at_node = trial.landing in (AT_NODE, AT_BOTH) and now.node < run.nodes.shape[0]
         pass_breaks(run, trial.t, run.jumps[now.node] if at_node else np.int64(-1))
-    if on_grid:
+    now.on_grid = trial.landing in (AT_GRID, AT_BOTH, AT_BREAK_AND_GRID)
+    if trial.landing == AT_GRID:  # as nearly every step does
         now.grid += 1
+        return
+    now.grid += now.on_grid
     if trial.landing in (AT_NODE, AT_BOTH):
         pass_node(run)
-    now.on_grid = on_grid
 
 
 @compiled

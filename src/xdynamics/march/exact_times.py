@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from xdynamics.elementary import numbers
 from xdynamics.kernels.compiling import compiled
-from xdynamics.kernels.program import AT
+from xdynamics.kernels.program import AT, T1, H, T
 from xdynamics.march.run import Run
 
 RESTS = len(AT)  # how many places after a number that laws read of a step its rest stands
@@ -31,6 +31,14 @@ def set_time(run: Run, place: int, t: float) -> None:
     run.at[place] = t
     if run.plan[0].doubled > 0:
         run.at[RESTS + place] = rest_of(run, t)
+
+
+@compiled
+def set_step(run: Run, t: float, t1: float, h: float) -> None:
+    """Set the times between which laws make a step, and its size."""
+    run.at[T], run.at[T1], run.at[H] = t, t1, h
+    if run.plan[0].doubled > 0:
+        run.at[RESTS + T], run.at[RESTS + T1] = rest_of(run, t), rest_of(run, t1)
 
 
 @compiled

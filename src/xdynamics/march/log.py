@@ -126,11 +126,26 @@ def has_room(run: Run) -> bool:
     return (
         now.rows - base.rows + 2 <= run.log_flags.shape[1]
         and now.trials - base.trials + most_trials(events * run.plan[0].apart) <= run.log_trials.shape[0]
-        and now.events - base.events + events + 2 * run.plan[0].together <= run.log_events.shape[0]
-        and (run.plan[0].assemblies == 0 or has_room_for_links(run))
+        and (events + run.plan[0].assemblies == 0 or has_room_for_events(run))
         and (run.delays.shape[0] == 0 or has_room_for_past(run))
-        and (now.samples - base.samples + run.plan[0].samples + 2 <= base.room or leaves_samples(run))
+        and (run.plan[0].samples == 0 or has_room_for_samples(run))
     )
+
+
+@compiled
+def has_room_for_events(run: Run) -> bool:
+    """Whether all events of a step fit, and the rows of links that it may have."""
+    now, base, most = run.now[0], run.base[0], run.detectors.shape[0] + 2 * run.plan[0].together
+    if run.plan[0].assemblies > 0 and not has_room_for_links(run):
+        return False
+    return bool(now.events - base.events + most <= run.log_events.shape[0])
+
+
+@compiled
+def has_room_for_samples(run: Run) -> bool:
+    """Whether force samples fit, of a step and of a node in it."""
+    now, base = run.now[0], run.base[0]
+    return now.samples - base.samples + run.plan[0].samples + 2 <= base.room or leaves_samples(run)
 
 
 @compiled

@@ -217,8 +217,6 @@ def aim(run: Run) -> None:
     if run.delays.shape[0] > 0:
         enter_past(run)
         node = soonest(run, node)
-    if plan.series > 0:
-        foresee(run)
     if plan.adaptive:
         aim_freely(run, node)
     else:
@@ -256,6 +254,8 @@ def aim_at_grid(run: Run, node: float) -> None:
 def aim_freely(run: Run, node: float) -> None:
     """Take the step that control proposes, or the rest up to the next node."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    if plan.series > 0:
+        foresee(run)
     remaining = node - now.t
     trial.t = now.t + now.step
     if trial.t >= node - run.snaps[now.node] or (remaining <= STRETCH * now.step and remaining <= plan.max_step):
@@ -296,22 +296,31 @@ def reject(run: Run, reason: int) -> None:
 def accept(run: Run) -> None:
     """Log an accepted state and go on from it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    inner = now.node < run.nodes.shape[0]  # the end of the run is no breakpoint
-    at_break = trial.landing in (AT_BREAK, AT_BREAK_AND_GRID)
-    kind = NODE if at_break or (trial.landing in (AT_NODE, AT_BOTH) and inner) else STEP
+    kind = STEP
     if run.delays.shape[0] > 0:
         note_past(run)
-    if tick_at_end(run) and not finite_state(run):
-        end(run, nonfinite(run))
-        return
+    if trial.landing != AT_GRID:
+        kind = kind_at_node(run)
+        if tick_at_end(run) and not finite_state(run):
+            end(run, nonfinite(run))
+            return
     if not note(run, kind, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
-    note_samples(run, now.rows - 1)
+    if plan.samples > 0:
+        note_samples(run, now.rows - 1)
     if plan.adaptive:
         grow(run, trial.h, trial.landing != AT_GRID)
     land(run)
     move(run)
+
+
+@compiled
+def kind_at_node(run: Run) -> int:
+    """Return the kind of row at the end of a trial that lands on more than a time of the grid."""
+    landing, inner = run.trial[0].landing, run.now[0].node < run.nodes.shape[0]  # the end of the run is no breakpoint
+    at_break = landing in (AT_BREAK, AT_BREAK_AND_GRID)
+    return NODE if at_break or (landing in (AT_NODE, AT_BOTH) and inner) else STEP
 
 
 @shared

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, PROPOSE
-from xdynamics.kernels.program import T1, UNSOUND, H, T
+from xdynamics.kernels.program import UNSOUND, T
 from xdynamics.march.attitudes import hold_attitudes
 from xdynamics.march.calls import called, entered_by, run_at, stepped_by
-from xdynamics.march.exact_times import set_time
+from xdynamics.march.exact_times import set_step, set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.log import note_trial
 from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, HOLD_LINKS, SUBSTEP, Run
@@ -44,9 +44,7 @@ def propose(run: Run, t1: float, h: float) -> None:
 @compiled
 def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step by the lines of the method, and store its force evaluations from place `sample` on."""
-    set_time(run, T, t)
-    set_time(run, T1, t1)
-    run.at[H] = h
+    set_step(run, t, t1, h)
     solver = run.law[run.law.shape[0] - 1]
     if solver != 0:
         stepped_by(solver, run, t, t1, h, y, z, sample)
