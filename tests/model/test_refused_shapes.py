@@ -80,6 +80,44 @@ def pulled(csv: str, dims: str = "bead") -> dict[str, Any]:
             chain(observables={"o": "sum(u, site)"}),
             "goes along 'site', and 'u' has the dimensions: bead; take one of these",
         ),
+        (
+            chain(relations={"spring": {"of": "bead", "neighbours": 3}}),
+            "relation 'spring': neighbours is 3, and 'bead' has 3 elements; write 2 at most$",
+        ),
+        (
+            chain(relations={"spring": "bead"}),
+            "relation 'spring': 'bead' must be a table of keys, such as of, neighbours",
+        ),
+        (
+            chain(parameters={"k": [1.0, 2.0, 3.0]}),
+            r"parameter 'k': value is a list of 3, needs the dimensions that it is along: \{ dims = \[\"…\"\], value =",
+        ),
+        (
+            chain(parameters={"k": {"dims": ["bead"], "value": [1, 2, 3], "uncertainty": [0.1, 0.1]}}),
+            "parameter 'k': uncertainty has 2 along 'bead', needs 3 elements$",
+        ),
+        (
+            chain(parameters={"k": {"value": "2*index(bead)"}}),
+            r"has the dimension 'bead', and it needs none; reduce it, as in sum\(…, bead\), or add it to dims$",
+        ),
+        (
+            chain(parameters={"k": {"dims": ["bead"], "csv": "bead,k\na,1\nb,heavy\nc,3\n"}}),
+            "parameter 'k': table 'k.csv', line 3: 'heavy' is no number$",
+        ),
+        (
+            chain(initial={"u": {"csv": "u [m],w [m]\n1,2\n", "columns": ["u", "w"]}})
+            | {"coordinates": {"u": {"unit": "m", "dims": ["site", "bead"]}}},
+            "columns names 2, needs 3, one for each of 'bead': rows are of 'site'$",
+        ),
+        (
+            chain(initial={"u": "0 m", "v_u[a]": "1 m s-1"}),
+            r"initial value of 'v_u\[a\]', which is an element; give 'v_u' as a whole$",
+        ),
+        (
+            chain(parameters={"g": "1 N"}, observables={"o": "g[a]"}),
+            r"'g\[a\]' \(column 1\): 'g' has no dimensions, and no elements$",
+        ),
+        (chain(observables={"o": "sum(u)"}), r"'sum' is written sum\(a, dimension\); number of arguments here: 1$"),
     ],
 )
 def test_it_is_refused_shortly_and_at_once(statement: dict[str, Any], said: str) -> None:

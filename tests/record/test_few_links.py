@@ -137,6 +137,17 @@ def test_few_and_many_links_are_recorded_alike(monkeypatch: pytest.MonkeyPatch) 
         assert few[name].identical(many[name])
 
 
+def test_few_links_may_have_gaps_of_their_own() -> None:
+    """Assert that links written out whose gaps read their own number are recorded as those that read a parameter: the same bits."""
+    gap = "norm(second(r, pair) - first(r, pair), axis) - "
+    size = {"d": {"dims": ["pair"], "value": "0.1*metre*(index(pair) + 1)"}}
+    ways = [discs(3, rubs={"gap": f"{gap}{size['d']['value']}"}), discs(3, parameters=size, rubs={"gap": f"{gap}d"})]
+    one, other = (xd.simulate(model, until="1.5 s", **STEPS) for model in ways)
+    assert one.sizes["event"] > 1
+    for name in ("event_time", "event_pair", "event_impulse_first_r", "event_impulse_second_r", "contact_gap_discs"):
+        assert (one[name].values == other[name].values).all(), name
+
+
 def test_rows_are_the_same_however_a_run_is_kept(tmp_path: Path) -> None:
     """Assert that a run written as it marches, opened, thinned or marched again has the links of one in memory."""
     model = balls([0.5, 1.6, 2.8], FLOOR)

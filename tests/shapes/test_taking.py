@@ -39,7 +39,7 @@ def test_dimensions_and_units() -> None:
         ("take(u, site, index(site) - 1)", r"takes element -1 of 'site', needs whole numbers from 0 to 3; mod\("),
         ("take(u, site, 4)", r"takes element 4 of 'site'"),
         ("take(u, site, index(site)/2)", r"takes element 0.5 of 'site'"),
-        ("take(u, site)", r"'take' is written take\(a, dimension, number\), and here has 2 arguments"),
+        ("take(u, site)", r"'take' is written take\(a, dimension, number\); number of arguments here: 2"),
     ],
 )
 def test_what_cannot_be_taken(text: str, fault: str) -> None:

@@ -306,7 +306,7 @@ class _Reader:
         extra = 1 if function in ("shift", "take") else 0
         got, needed = len(arguments), arity + numbers + extra
         if got < needed + 1 or (most is not None and got > needed + most):
-            raise self._fault(column, f"'{function}' is written {FORMS[function]}, and here has {got} arguments")
+            raise self._fault(column, f"'{function}' is written {FORMS[function]}; number of arguments here: {got}")
         end = got - numbers - extra
         values, dims = arguments[:arity], arguments[arity:end]
         if not all(isinstance(dim, Name) for dim in dims):

@@ -293,7 +293,9 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
             )
     for name in (*statement.initial, *statement.starting):
         if name not in needed:
-            ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
+            whole = name.partition("[")[0]
+            what = f"an element; give '{whole}' as a whole" if whole in needed else "no coordinate, velocity or state"
+            ledger.note(f"initial value of '{name}', which is {what}")
 
 
 def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:

@@ -68,6 +68,8 @@ def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Sha
 def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     """Note every expression with a dimension that what it is for has not."""
     own = shapes.dims
+    for name, values in statement.arrays.items():
+        _check(f"parameter '{name}'", values.tree, values.dims, shapes, ledger, "add it to dims")
     for what, tree, allowed in _needed(statement, own):
         _check(what, tree, allowed, shapes, ledger)
     for name, event in statement.events.items():
@@ -114,8 +116,7 @@ def _needed(
         yield what, entry, dict.fromkeys((*own.get(names[i], ()), *own.get(names[j], ())))
     for name, state in statement.states.items():
         yield f"rate of state '{name}'", state.rate, state.dims
-    for what, given in (("parameter", statement.arrays), ("initial value of", statement.starting)):
-        yield from ((f"{what} '{name}'", values.tree, values.dims) for name, values in given.items())
+    yield from ((f"initial value of '{name}'", values.tree, values.dims) for name, values in statement.starting.items())
     for name, event in statement.events.items():
         for target, tree in event.reset.items():
             yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
@@ -133,14 +134,21 @@ def _needed(
             yield f"friction '{name}': {key}", getattr(friction, key), own.get(name, ())
 
 
-def _check(what: str, tree: Node | Function | None, allowed: Iterable[str], shapes: Shapes, ledger: Ledger) -> None:
+def _check(
+    what: str,
+    tree: Node | Function | None,
+    allowed: Iterable[str],
+    shapes: Shapes,
+    ledger: Ledger,
+    remedy: str = "take an element",
+) -> None:
     if tree is None or isinstance(tree, Function):
         return
     with ledger.entry(what):
         if extra := [dim for dim in dims_of(tree, shapes) if dim not in allowed]:
             raise InputError(
                 f"'{shown(tree)}' has the dimension '{extra[0]}', and it needs {_named(allowed)}; reduce it, as in"
-                f" sum(…, {extra[0]}), or take an element"
+                f" sum(…, {extra[0]}), or {remedy}"
             )
 
 

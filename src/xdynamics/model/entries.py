@@ -58,6 +58,10 @@ def parameter(value: Any, unit: str | None = None, description: str = "", **spre
     InputError
         If the value has a unit already.
     """
+    if isinstance(value, list | tuple):
+        raise InputError(
+            f'value is a list of {len(value)}, needs the dimensions that it is along: {{ dims = ["…"], value = […] }}'
+        )
     if is_expression(value):
         raise InputError(
             f"{value!r} is an expression, needs a number with a unit, like '0.145 kg'; what follows from parameters is a"

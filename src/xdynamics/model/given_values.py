@@ -142,9 +142,11 @@ def _unit(entry: Mapping[str, Any]) -> Unit | None:
 
 
 def _listed(
-    value: Any, unit: Unit | None, shape: tuple[int, ...], dims: tuple[str, ...]
+    value: Any, unit: Unit | None, shape: tuple[int, ...], dims: tuple[str, ...], what: str = "value"
 ) -> tuple[tuple[float, ...], Unit]:
     """Read nested lists of numbers or quantities, or one quantity, which is that of all elements."""
+    if isinstance(value, list | tuple) and not dims:
+        raise InputError(f'{what} is a list of {len(value)}, needs the dimensions that it is along: dims = ["…"]')
     flat: list[Any] = [value]
     for length, dim in zip(shape, dims, strict=True):
         if not isinstance(value, list | tuple):
@@ -152,10 +154,10 @@ def _listed(
         for row in flat:
             if not isinstance(row, list | tuple) or len(row) != length:
                 got = f"{len(row)}" if isinstance(row, list | tuple) else "a number"
-                raise InputError(f"value has {got} along '{dim}', needs {length} elements{_turned(value, shape)}")
+                raise InputError(f"{what} has {got} along '{dim}', needs {length} elements{_turned(value, shape)}")
         flat = list(joined.from_iterable(flat))
     if any(isinstance(entry, list | tuple) for entry in flat):
-        raise InputError(f"value has more dimensions than {', '.join(dims) or 'none'}")
+        raise InputError(f"{what} has more dimensions than {', '.join(dims) or 'none'}")
     return _in_one_unit(flat, unit)
 
 
@@ -221,7 +223,7 @@ def _from_table(
     if not isinstance(columns, list | tuple) or not all(isinstance(column, str) for column in columns):
         raise InputError(f"columns is {brief(columns)}, needs a list of names of columns")
     if len(columns) != (extents[1].size if len(dims) > 1 else 1):
-        needed = f"{extents[1].size}, one for each of '{dims[1]}'" if len(dims) > 1 else "one"
+        needed = f"{extents[1].size}, one for each of '{dims[1]}': rows are of '{dims[0]}'" if len(dims) > 1 else "one"
         raise InputError(f"columns names {len(columns)}, needs {needed}")
     file = str(entry.get("table", f"{name}.csv"))
     sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
@@ -253,7 +255,10 @@ def columns_of(
             count = "no column" if not at else f"{len(at)} columns"
             raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout}")
         places.append(at[0])
-    rows = [row for _, row in sheet.numbers(places)]
+    try:
+        rows = [row for _, row in sheet.numbers(places)]
+    except InputError as error:
+        raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in error.faults)) from None
     units = [title(sheet.header[place]).unit for place in places]
     if extent is None:
         return rows, units
@@ -306,7 +311,7 @@ def _spreads(
         spread = spread_of(entry, value)
         return () if spread is None else (spread,)
     key = listed[0]
-    sizes, of = _listed(entry[key], unit, shape, dims)
+    sizes, of = _listed(entry[key], unit, shape, dims, key)
     return tuple(spread_of({**entry, key: f"{size!r} {of.text}"}, value) for size in sizes)
 
 

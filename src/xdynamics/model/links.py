@@ -132,7 +132,7 @@ class Links:
         if self.csv:
             return f"table '{self.table}' has a header and no rows"
         few = "one element" if source.size == 1 else f"{source.size} elements"
-        return f"'{source.name}' has {few}" + (f", and neighbours is {self.neighbours}" if self.neighbours else "")
+        return f"'{source.name}' has {few}; leave the relation out"
 
     def _all(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return every two elements once, or every element of one dimension with every one of the other."""
@@ -152,6 +152,8 @@ class Links:
                 f"neighbours is {count} in a ring of {n} elements, in which links would be there twice; a ring of"
                 f" {2 * count + 1} or more has them once"
             )
+        if 1 < n <= count:
+            raise InputError(f"neighbours is {count}, and '{source.name}' has {n} elements; write {n - 1} at most")
         if count == 1 and not self.ring:
             numbers = np.arange(n, dtype=np.int64)  # of a million, once
             return numbers[:-1], numbers[1:]

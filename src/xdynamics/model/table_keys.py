@@ -20,7 +20,8 @@ def keys(entry: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
         If it is not a table, has unknown keys, or lacks a needed one.
     """
     if not isinstance(entry, Mapping):
-        raise InputError(f"{entry!r} must be a table with {', '.join(needed)}")
+        has = f"with {', '.join(needed)}" if needed else f"of keys, such as {', '.join(known[:3])}"
+        raise InputError(f"{entry!r} must be a table {has}")
     faults = [f"key '{key}' is not known{near(key, known)}" for key in entry if key not in known]
     faults += [f"key '{key}' is missing" for key in needed if key not in entry]
     if faults:

@@ -227,10 +227,9 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
     """
     dims = shapes.dims.get(node.name, ())
     if len(node.entries) != len(dims):
-        own = f"the dimensions {', '.join(dims)}" if dims else "no dimensions"
+        own = f"the dimensions {', '.join(dims)}; write an entry for each" if dims else "no dimensions, and no elements"
         raise InputError(
-            f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}; write an entry for each"
-            f"{_along_the_others(node, dims, shapes)}"
+            f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}{_along_the_others(node, dims, shapes)}"
         )
     extents = [shapes.extent(dim) for dim in dims]
     for entry, extent in zip(node.entries, extents, strict=True):
