@@ -162,3 +162,31 @@ def test_a_picture_holds_walls_nearby_and_names_others(depth: float, said: str) 
         walls = [item for item in axes.collections if type(item).__name__ == "QuadContourSet" and not item.filled]
         levels = [path.vertices[:, 1] for item in walls for path in item.get_paths() if len(path.vertices)]
         assert [level == pytest.approx(-depth, abs=1e-12) for level in levels] == [True] * (not said)
+
+
+def test_walls_that_a_relation_leads_to_are_drawn() -> None:
+    """Assert that a box given as three sides along a dimension, met over a relation, has its two walls and its floor."""
+    balls = xd.Model(
+        name="balls in a box of sides",
+        dimensions={"ball": 2, "axis": ["x", "y"], "side": ["left", "right", "floor"]},
+        coordinates={"r": {"unit": "m", "dims": ["ball", "axis"]}},
+        parameters={
+            "normal": {"dims": ["side", "axis"], "value": [[1, 0], [-1, 0], [0, 1]]},
+            "place": {"dims": ["side"], "value": ["-0.5 m", "-0.6 m", "-0.2 m"]},
+        },
+        relations={"meets": {"from": "ball", "to": "side"}},
+        mass={"r": "1*kilogram"},
+        initial={"r": "0.1*metre*index(ball)", "v_r": "1*metre/second*(1 - index(axis)*index(ball))"},
+        contacts={
+            "sides": {
+                "gap": "sum(first(r, meets)*second(normal, meets), axis) - second(place, meets)",
+                "restitution": 1.0,
+            }
+        },
+    )
+    scene = scene_of(unfold(xd.simulate(balls, method="rk4", step="0.02 s", until="2 s")), None)
+    assert isinstance(scene, Bodies)
+    across = [float(np.mean(line[:, 0])) for line in lines_of(scene) if np.ptp(line[:, 0]) < 1e-9]
+    up = [float(np.mean(line[:, 1])) for line in lines_of(scene) if np.ptp(line[:, 1]) < 1e-9]
+    assert sorted(across) == pytest.approx([-0.5, 0.6], abs=1e-12)
+    assert up == pytest.approx([-0.2], abs=1e-12)

@@ -216,12 +216,21 @@ def _units_of(model: Model, view: list[BodyPath]) -> tuple[Mapping[str, float], 
 
 
 def _gaps(model: Model) -> Iterator[tuple[str, Node]]:
-    """Yield the gaps of contacts, those of many bodies for each body; not of links between bodies."""
+    """Yield the gaps of contacts, of many bodies for each, and for each of the walls that a relation leads to."""
     for name, contact in model.shaped.contacts.items():
-        dims = model.shapes.dims.get(name, ())
-        if isinstance(contact.gap, Node) and not {*dims} & model.shapes.relations.keys():
-            for place in model.shapes.places(dims):
-                yield name, model.expanded(at(contact.gap, place, model.shapes))
+        if not isinstance(contact.gap, Node):
+            continue
+        for place in _elements_of(model, model.shapes.dims.get(name, ())):
+            yield name, model.expanded(at(contact.gap, place, model.shapes))
+
+
+def _elements_of(model: Model, dims: tuple[str, ...]) -> Iterator[Mapping[str, int]]:
+    """Yield the elements of a contact, those of a relation where it leads from the first bodies to another dimension."""
+    if not {*dims} & model.shapes.relations.keys():
+        yield from model.shapes.places(dims)
+    elif len(dims) == 1 and (relation := model.shapes.relations[dims[0]]).source != relation.target:
+        shown = (relation.first < MOST_BODIES) & (relation.second < MOST_BODIES)
+        yield from ({dims[0]: link} for link in np.flatnonzero(shown).tolist())
 
 
 def radii_of(run: xr.Dataset, view: list[BodyPath]) -> Floats:
