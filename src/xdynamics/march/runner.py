@@ -120,13 +120,13 @@ class March:
         return self.run.now[0]
 
     @cached_property
-    def estimated(self) -> list[int]:
+    def estimated(self) -> range:
         """Return the columns of a log with estimated errors, by which given absolute tolerances are judged."""
         tolerances, used = self.settings.tolerances, self.layout.used
         if not self.settings.adaptive or tolerances is None or not (tolerances.of_all(used) > 0.0).any():
-            return []
+            return range(0)
         first = self.layout.row.place(self.layout.errors.blocks[1].name)
-        return [*range(first, first + used.size)]
+        return range(first, first + used.size)
 
     @property
     def expected_rows(self) -> int | None:

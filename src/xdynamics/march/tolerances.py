@@ -23,6 +23,7 @@ from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Unit
 
 LEAST_RTOL = 10 * EPS  # of numbers of one float
+TINY = 1e-200  # a tolerance from which on is not zero in SI units either
 
 
 def least_rtol(precision: str) -> float:
@@ -91,11 +92,13 @@ class Tolerances:
             faults.append(
                 f"rtol is {self.rtol!r}, needs a number from 10 eps = {least:.3g}, below which rounding is as large, to 1{finer}"
             )
-        used = Layout(model).used
         atols = {f" of '{name}'": value for name, value in self.atol.items()}
         atols |= {} if self.bare is None else {"": self.bare}
         bad = {of: value for of, value in atols.items() if not isfinite(value) or value < 0}
         faults += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
+        if not self.atol and (self.bare is None or self.bare >= TINY):  # neither names nor zeros
+            return faults
+        used = Layout(model).used
         faults += [
             f"atol names '{name}', which is none of {few(block.name for block in used.blocks)}"
             for name in self.atol

@@ -22,11 +22,11 @@ class Witnesses:
     ----------
     used : int
         Numbers of a state.
-    estimated : list of int
+    estimated : range
         Columns of a log with errors of the step that led to a row.
     """
 
-    def __init__(self, used: int, estimated: list[int]) -> None:
+    def __init__(self, used: int, estimated: range) -> None:
         self.used, self.estimated = used, estimated
         self.elsewhere = False  # whether the record has their states, which are then not copied
         self._record: list[Floats] = []  # the columns of it that have them
@@ -117,5 +117,6 @@ class Witnesses:
         new = slice(len(retained), len(retained) + taken.shape[1])
         self._rows[new, 0] = range(first + begin, rows, stride)
         known = 2 if self.elsewhere else 2 + self.used
-        self._rows[new, 1 : 1 + known], self._errors[new] = taken[:known].T, taken[self.estimated].T
+        self._rows[new, 1 : 1 + known] = taken[:known].T
+        self._errors[new] = taken[self.estimated.start : self.estimated.stop].T
         self._count = new.stop

@@ -84,7 +84,7 @@ class Method:
         """The equations that a step solves; those of an implicit method."""
         return tuple(line for line in self.statements if isinstance(line, Solve))
 
-    @property
+    @cached_property
     def solver(self) -> str:
         """What solves the equations of a step: `steppers.NOTHING`, `NEWTON` or `SIMPLIFIED`."""
         return self.stepper.solver(self.statements)

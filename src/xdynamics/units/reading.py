@@ -201,6 +201,8 @@ def unit_text(text: str) -> str:
 
 def exact_si(quantity: Quantity) -> float:
     """Return the value in SI units, correctly rounded; it knows the number that it was rounded from."""
+    if quantity.unit.factor == 1 and not isinstance(quantity.value, Rounded):
+        return quantity.si
     return Rounded.of(exact_value(quantity.value) * quantity.unit.factor, quantity.si)
 
 
