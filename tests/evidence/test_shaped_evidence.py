@@ -13,7 +13,8 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
 from xdynamics.expressions import parse
-from xdynamics.figures.scenes import Bodies, Profile, scene_of
+from xdynamics.figures.bodies_scene import Bodies
+from xdynamics.figures.scenes import Profile, scene_of
 from xdynamics.record import unfold
 
 # oscillators of their own, of which everything is known in closed form

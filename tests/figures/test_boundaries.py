@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.figures.scenes import Bodies, scene_of
+from xdynamics.figures.bodies_scene import Bodies
+from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
 
 

@@ -48,7 +48,8 @@ def animate(
     run : xarray.Dataset
         A run record whose model names a plane in `[figure]`, or that has two or three coordinates of one length, or
         bodies with positions along a dimension of two or three elements: links of a relation that is a table, or of
-        neighbours, are lines between them. Bodies that turn, of a model that names no plane of lengths, are seen from the
+        neighbours, are lines between them. Motion in three dimensions has two views of one scale that share an axis, unless
+        the model names its plane. Bodies that turn, of a model that names no plane of lengths, are seen from the
         side and above: lines to their points and joints, and the ellipsoid that has their mass and inertia; where they go
         far the picture goes along. Else the first coordinate or state along a dimension of many elements, or over two as a map.
     path : str or Path, optional
@@ -106,8 +107,9 @@ def drawing(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[Any, C
     axes = figure.subplots()
     axes.grid(linewidth=0.6)
     beside = scene.start(axes)
-    for axis in (axes.xaxis, axes.yaxis):
-        fold_power(axis)
+    for each in figure.axes:
+        fold_power(each.xaxis)
+        fold_power(each.yaxis)
     title = words(f"{run.attrs.get('title', 'run')}{beside}")
     axes.set_title("\n".join(wrap(title, round((scene.size[0] - LABELS) * LETTERS))), loc="left", fontsize=10)
     paper = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.7, "pad": 2.0}  # over a map as well

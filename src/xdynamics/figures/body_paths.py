@@ -36,6 +36,10 @@ class BodyPath:
         The coordinates that the axes are, as the run's elements are called; empty where an axis is none.
     dims : str
         Dimensions of which `body` is an element.
+    depth : ndarray, shape (n,), optional
+        Along the axis that a view in space does not show.
+    depth_name : str
+        The coordinate that it is.
     """
 
     across: str
@@ -48,6 +52,18 @@ class BodyPath:
     up_units: str = ""
     names: tuple[str, str] = ("", "")
     dims: str = ""
+    depth: Floats | None = None
+    depth_name: str = ""
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """The coordinates of the axes, and of the depth where there is one."""
+        return (*self.names, self.depth_name) if self.depth_name else self.names
+
+    @property
+    def points(self) -> Floats:
+        """Where the body is, shape (2, n), or (3, n) where there is a depth."""
+        return np.stack([self.x, self.y] if self.depth is None else [self.x, self.y, self.depth])
 
     @property
     def label(self) -> str:
@@ -62,7 +78,7 @@ class BodyPath:
     @property
     def is_fixed(self) -> bool:
         """Whether the body never moves: an anchor, a wall."""
-        return bool(np.ptp(self.x) == 0.0 and np.ptp(self.y) == 0.0)
+        return not np.ptp(self.points, axis=-1).any()
 
 
 def is_length(units: str) -> bool:

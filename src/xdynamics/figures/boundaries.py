@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +33,8 @@ REACH = 0.3  # of the longer side, up to which a picture is widened to show a wa
 BEHIND = 0.05  # of the longer side, that is shown behind it
 PLACE = "place"  # across or up, where it is an expression
 LIKE = 9  # digits in which two gaps agree that are of one wall
+APART = np.array([[[0.0] * 3] * 3, [[1.0, 2.0, 0.0], [0.0, 0.0, 3.0], [0.0, 1.0, 1.0]]])  # of two bodies, body by axis
+DEPTHS = np.array([[0.0] * 5, [0.7, -0.3, 1.1, -1.0, 0.2]])  # of a view's longer side
 PROBES = np.array([[0.0, 1.0, 0.0, 0.3, -0.7], [0.0, 0.0, 1.0, 0.9, 0.4]])  # of a view's longer side
 
 
@@ -43,8 +45,8 @@ class Gap:
     Attributes
     ----------
     tree : Node
-    names : tuple of pairs of str
-        The coordinates across and up of each body, empty where an axis has none.
+    names : tuple of tuples of str
+        The coordinates across and up of each body, in space its depth too; empty where an axis has none.
     known : mapping of str to float
         Parameters and constants, in SI units.
     factor, clock : float
@@ -52,13 +54,13 @@ class Gap:
     """
 
     tree: Node
-    names: tuple[tuple[str, str], ...]
+    names: tuple[tuple[str, ...], ...]
     known: Mapping[str, float]
     factor: float
     clock: float
 
     def at(self, places: Floats, now: float) -> Floats:
-        """Return the gap in the axes' unit where the bodies are at `places`, shape (bodies, 2, n)."""
+        """Return the gap in the axes' unit where the bodies are at `places`, shape (bodies, axes, n)."""
         values: dict[str, Any] = {**self.known, "t": np.float64(now * self.clock)}
         for pair, place in zip(self.names, places, strict=True):
             values |= {name: self.factor * axis for name, axis in zip(pair, place, strict=True) if name}
@@ -128,8 +130,8 @@ def _grid(limits: Floats) -> tuple[Floats, Floats]:
     return across, up
 
 
-def with_walls(limits: Floats, walls: Sequence[Boundary], times: Sequence[float]) -> tuple[Floats, str]:
-    """Return the limits of a picture, widened to hold the walls that are near, and what is said of those farther off.
+def with_walls(limits: Floats, walls: Sequence[Boundary], times: Sequence[float]) -> tuple[Floats, list[str]]:
+    """Return the limits of a picture, widened to hold the walls that are near, and the contacts of those farther off.
 
     Parameters
     ----------
@@ -153,8 +155,12 @@ def with_walls(limits: Floats, walls: Sequence[Boundary], times: Sequence[float]
         low = np.where(place < limits[:, 0], np.minimum(held[:, 0], place - BEHIND * longer), held[:, 0])
         high = np.where(place > limits[:, 1], np.maximum(held[:, 1], place + BEHIND * longer), held[:, 1])
         held = np.stack([low, high], axis=-1)
-    names = [f"part of {name}" if name in near else name for name in dict.fromkeys(far)]
-    return held, f"; outside the frame: {', '.join(names)}" if names else ""
+    return held, [f"part of {name}" if name in near else name for name in dict.fromkeys(far)]
+
+
+def outside(contacts: Sequence[str]) -> str:
+    """Say, behind other words of a title, whose walls are outside the frame."""
+    return words(f"; outside the frame: {', '.join(contacts)}") if contacts else ""
 
 
 def boundaries(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Boundary]:
@@ -167,8 +173,14 @@ def boundaries(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Bou
     model, found = model_of(run, None), dict[Any, tuple[float, Boundary]]()
     known, factor, clock = _units_of(model, view)
     span = max(float(np.ptp(path.x)) + float(np.ptp(path.y)) for path in view) or 1.0
-    for contact, tree, names, radius in _of_single_bodies(model, view, radii):
-        gap = Gap(tree, (names,), known, factor, clock)
+    for contact, tree, path, radius in _of_single_bodies(model, view, radii):
+        if path.depth_name in free_names(tree):
+            whole = Gap(tree, (path.all_names,), known, factor, clock)
+            near, far = (whole.at(np.stack([*PROBES, depth])[None] * span, 0.0) for depth in DEPTHS)
+            if (near != far).any():
+                continue
+            known = {**known, path.depth_name: 0.0}
+        gap = Gap(tree, (path.names,), known, factor, clock)
         values = gap.at(span * PROBES[None], float(view[0].times[0])) + radius
         key = (contact, *np.round((values - values[0]) / span, LIKE).tolist())
         if key not in found or values[0] > found[key][0]:
@@ -180,28 +192,33 @@ def boundaries(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Bou
 def draw_walls(walls: Sequence[Boundary], axes: Axes) -> None:
     """Draw the walls that stand still into a picture of paths, and say in its title which are outside."""
     still = [wall for wall in walls if not wall.moves]
-    limits, said = with_walls(np.array([axes.get_xlim(), axes.get_ylim()]), still, [0.0])
+    limits, far = with_walls(np.array([axes.get_xlim(), axes.get_ylim()]), still, [0.0])
     for wall in still:
         wall.start(axes, limits)
     if still:
         axes.set(xlim=limits[0], ylim=limits[1])
-        axes.set_title(axes.get_title(loc="left") + words(said), loc="left", fontsize=10)
+        axes.set_title(axes.get_title(loc="left") + outside(far), loc="left", fontsize=10)
 
 
-def _of_single_bodies(
-    model: Model, view: list[BodyPath], radii: Floats
-) -> Iterator[tuple[str, Node, tuple[str, str], float]]:
-    """Yield gaps that read no more than where one body is, with its coordinates and its radius."""
-    owner = {name: k for k, path in enumerate(view[:MOST_BODIES]) for name in path.names if name}
+def _of_single_bodies(model: Model, view: list[BodyPath], radii: Floats) -> Iterator[tuple[str, Node, BodyPath, float]]:
+    """Yield gaps that read no more than where one body is, with its path and its radius."""
+    owner = {name: k for k, path in enumerate(view[:MOST_BODIES]) for name in path.all_names if name}
     shown, known = dict(_places(model, len(view))), constants(model).keys()
     for contact, tree in _gaps(model):
         if tree in shown:
-            yield contact, Name(PLACE), shown[tree], 0.0
+            yield contact, Name(PLACE), replace(view[0], names=shown[tree]), 0.0
             continue
         read = free_names(tree) - known - {"t"}
         if read and read <= owner.keys() and len(bodies := {owner[name] for name in read}) == 1:
             body = bodies.pop()
-            yield contact, tree, view[body].names, float(radii[body]) if radii.size else 0.0
+            yield contact, tree, view[body], float(radii[body]) if radii.size else 0.0
+
+
+def walls_in_space(run: xr.Dataset, view: list[BodyPath]) -> list[str]:
+    """Return the contacts whose gaps read no more than where one body is in space."""
+    if "model_toml" not in run:
+        return []
+    return [*dict.fromkeys(contact for contact, *_ in _of_single_bodies(model_of(run, None), view, np.zeros(0)))]
 
 
 def _places(model: Model, count: int) -> Iterator[tuple[Node, tuple[str, str]]]:
@@ -246,12 +263,12 @@ def radii_of(run: xr.Dataset, view: list[BodyPath]) -> Floats:
     known, factor, clock = _units_of(model, view)
     sums = dict[tuple[int, int], float]()
     for pair, tree in _gaps_between(model, view, wanted):
-        names = tuple(view[body].names for body in pair)
+        names = tuple(view[body].all_names for body in pair)
         if free_names(tree) - known.keys() != {name for both in names for name in both}:
             return none
         gap = Gap(tree, names, known, factor, clock)
-        apart = np.array([[[0.0, 0.0, 0.0]] * 2, [[1.0, 2.0, 0.0], [0.0, 0.0, 3.0]]]) * float(np.ptp(view[0].x) or 1.0)
-        both = np.hypot(*apart[1]) - gap.at(apart, float(view[0].times[0]))
+        apart = APART[:, : len(names[0])] * float(np.ptp(view[0].x) or 1.0)
+        both = np.sqrt((apart[1] ** 2).sum(axis=0)) - gap.at(apart, float(view[0].times[0]))
         if not np.allclose(both, both[0], rtol=1e-9) or both[0] <= 0.0:
             return none
         sums[pair] = float(both[0])
@@ -286,7 +303,7 @@ def _gaps_between(
     model: Model, view: list[BodyPath], wanted: set[tuple[int, int]]
 ) -> Iterator[tuple[tuple[int, int], Node]]:
     """Yield gaps between two bodies of a view, for the wanted pairs of them."""
-    owner = {name: k for k, path in enumerate(view) for name in path.names}
+    owner = {name: k for k, path in enumerate(view) for name in path.all_names}
     for name, contact in model.shaped.contacts.items():
         if not isinstance(contact.gap, Node):
             continue

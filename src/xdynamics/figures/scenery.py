@@ -43,8 +43,8 @@ class Fastening:
     kind : {"links", "springs", "threads", "lines"}
     ends : ndarray of int, shape (m, 2)
         Numbers of bodies, after these of anchors, -1 for the origin.
-    anchors : ndarray, shape (n, 2)
-        Fixed places, in the axes' unit.
+    anchors : ndarray, shape (n, 2) or (n, 3)
+        Fixed places, in the axes' unit, with their depth where there is one.
     """
 
     kind: str
@@ -62,7 +62,7 @@ class Fastening:
             LineCollection([], colors="0.45", linewidths=WIDTHS[self.kind]), autolim=False
         )
         if self.anchors.size:
-            axes.plot(*self.anchors.T, **ANCHOR)
+            axes.plot(*self.anchors[:, :2].T, **ANCHOR)
 
     def at(self, places: Floats) -> Any:
         """Put the lines between the places of bodies, the last of which is the origin."""
@@ -74,7 +74,7 @@ class Fastening:
 
     def places(self, places: Floats) -> Floats:
         """Return the places of bodies, anchors and the origin, of which the first and the last are given."""
-        return np.concatenate([places[:-1], self.anchors, places[-1:]])
+        return np.concatenate([places[:-1], self.anchors[:, :2], places[-1:]])
 
 
 def coiled(start: Floats, end: Floats, coil: float) -> Floats:
@@ -146,7 +146,7 @@ def _fixed_places(model: Model, dim: str, axis: str, path: BodyPath) -> Floats:
     ]
     if len(named) != 1:
         return np.zeros((0, 2))
-    labels = [parted(name)[1][-1] for name in path.names]
+    labels = [parted(name)[1][-1] for name in path.all_names]
     return np.array(
         [
             [known[element(named[0], [shapes.extent(dim).label(k), label])] / float(length.factor) for label in labels]
@@ -157,10 +157,10 @@ def _fixed_places(model: Model, dim: str, axis: str, path: BodyPath) -> Floats:
 
 def _stretch(view: list[BodyPath], ends: NDArray[np.int_], anchors: Floats) -> float:
     """Return how much the length of a link changes, as a part of the longest that it has: the most of all links."""
-    found, places = 0.0, [(path.x, path.y) for path in view] + [(x, y) for x, y in anchors]
+    found, places = 0.0, [path.points for path in view] + [place[:, None] for place in anchors]
     for first, second in ends.tolist():
         one, other = places[first], places[second]
-        lengths = np.hypot(other[0] - one[0], other[1] - one[1])
+        lengths = np.sqrt(((other - one) ** 2).sum(axis=0))
         found = max(found, float(np.ptp(lengths) / (lengths.max() or 1.0)))
     return found
 
