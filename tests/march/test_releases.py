@@ -82,3 +82,72 @@ def test_a_floor_that_nearly_pulls_holds() -> None:
     assert run.sizes["event"] == 0
     assert run.time.values.tolist() == [0.0, 0.05, 0.1]
     assert np.abs(run.y.values - 1.0).max() < 1e-15
+
+
+def pushed(excess: np.ndarray, middle: np.ndarray) -> xd.Model:
+    """Return discs that roll on a floor, pushed so that friction would need to exceed its bound by a parabola of time.
+
+    A disc that rolls needs a third of the push from friction; one that slides has a slip that accelerates by the push over
+    the mass, less three times what friction gives.
+    """
+    count, number = middle.size, np.arange(middle.size)
+    radius, speed = 0.05 + 0.02 * np.sin(2 * number) ** 2, 0.3 + 0.01 * number
+    of = {"dims": ["disc"]}
+    start = {
+        "x": 0 * number,
+        "y": radius,
+        "theta": 0 * number,
+        "v_x": speed,
+        "v_y": 0 * number,
+        "v_theta": -speed / radius,
+    }
+    units = {"x": "m", "y": "m", "theta": "rad", "v_x": "m s-1", "v_y": "m s-1", "v_theta": "rad s-1"}
+    known = {"excess": (excess, "m s-2"), "middle": (middle, "s"), "radius": (radius, "m")}
+    return xd.Model(
+        name="discs that are pushed along a floor",
+        dimensions={"disc": count},
+        coordinates={name: {"unit": units[name]} | of for name in ("x", "y", "theta")},
+        parameters={"m": "2 kg", "g": f"{G} m s-2", "k": "300 m s-4"}
+        | {name: {"unit": unit, "value": values.tolist()} | of for name, (values, unit) in known.items()},
+        mass={"x": "m", "y": "m", "theta": "m*radius**2/2/radian**2"},
+        forces={"weight": {"y": "-m*g"}, "push": {"x": "m*(1.5*g + excess - k*(t - middle)**2)"}},
+        contacts={
+            "floor": {
+                "gap": "y - radius",
+                "restitution": 0.0,
+                "tangential": "coulomb",
+                "slip": "v_x + radius*v_theta/radian",
+                "friction": 0.5,
+            }
+        },
+        initial={name: {"unit": units[name], "value": values.tolist()} for name, values in start.items()},
+    )
+
+
+def shares() -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much thirty discs are pushed beyond rolling, and when most."""
+    number = np.arange(30)
+    return 0.5 + 0.3 * np.sin(number) ** 2, 0.2 + 0.01 * np.cos(3 * number) ** 2
+
+
+def test_slips_that_begin_and_end_within_a_step() -> None:
+    """Assert when each of thirty discs begins to slip, and when it rolls again, all within one step.
+
+    The slip, from s = -(excess/k)^(1/2) about the middle on, is excess (s - s0) - k (s^3 - s0^3)/3, which is zero again at
+    -2 s0. In a step at whose end one slip has ended, others that began before are found, too.
+    """
+    excess, middle = shares()
+    run = xd.simulate(pushed(excess, middle), method="rk4", step=0.42, until=0.42)
+    half = np.sqrt(excess / 300)
+    assert run.attrs["run_outcome"] == "completed"
+    assert np.abs(times_of(run, "slip") - np.sort(middle - half)).max() < 1e-11
+    assert np.abs(times_of(run, "stick") - np.sort(middle + 2 * half)).max() < 1e-11
+
+
+def test_what_rounding_leaves_of_a_slip_that_begins_is_no_end_of_it() -> None:
+    """Assert when each disc begins to slip, once, with a slip that is zero to rounding while those of others end."""
+    excess, middle = shares()
+    run = xd.simulate(pushed(excess, middle), method="velocity_verlet", step=0.14, until=0.42)
+    assert run.attrs["run_outcome"] == "completed"
+    assert np.abs(times_of(run, "slip") - np.sort(middle - np.sqrt(excess / 300))).max() < 1e-11
+    assert times_of(run, "stick").size == 30

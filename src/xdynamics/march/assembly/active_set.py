@@ -34,9 +34,8 @@ from xdynamics.march.assembly.closed_links import (
 from xdynamics.march.assembly.friction import RESTLESS
 from xdynamics.march.assembly.holding import project, stop
 from xdynamics.march.assembly.link_forces import solve_forces
-from xdynamics.march.assembly.links import ASSEMBLY, LINK
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE
 from xdynamics.march.assembly.low_motions import falling, is_low, resolution, slip_falling
-from xdynamics.march.assembly.narrow_phase import NOISE
 from xdynamics.march.assembly.normal_forces import largest
 from xdynamics.march.assembly.slip_stops import check_cone, end_slips, halt_slips, hold_cones, skipped_time
 from xdynamics.march.assembly.touching import (

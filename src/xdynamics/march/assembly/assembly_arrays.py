@@ -118,7 +118,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         **{name: np.zeros(most) for name in ("loads", "pulls", "remains")},
         "grips": np.zeros(most if rows_each == 2 else 0, np.int64),
         "lifted": np.zeros(most, np.int64),
-        "margins": np.full((4, 2 * most), -np.inf),
+        "margins": np.full((5, 2 * most), -np.inf),
         "vectors": np.zeros((VECTORS, 2 * rows_each * most)),
         "paths": np.zeros((2 * PATHS, 4 * most) if rows_each == 2 else (0, 0)),
         "shares": np.zeros(2 * most if rows_each == 2 else 0),

@@ -47,9 +47,9 @@ from xdynamics.march.assembly.broad_phase import (
 from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note_links
 from xdynamics.march.assembly.holding import hold, release_moved
 from xdynamics.march.assembly.impact import any_open_approaches, collide, weigh_impulses
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, pattern_at, touch
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE, pattern_at, touch
+from xdynamics.march.assembly.margins import SINCE
 from xdynamics.march.assembly.narrow_phase import (
-    NOISE,
     fastest,
     find_first,
     finest_resolution,
@@ -57,7 +57,7 @@ from xdynamics.march.assembly.narrow_phase import (
 )
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import set_out
-from xdynamics.march.assembly.releases import SINCE, find_release
+from xdynamics.march.assembly.releases import find_release
 from xdynamics.march.assembly.touching import list_touching
 from xdynamics.march.calls import called, run_at
 from xdynamics.march.control import grow

@@ -22,18 +22,15 @@ from xdynamics.march.assembly.closed_links import (
     LOAD,
     MOST,
     OWN_SCALE,
-    RATES,
     RATIO,
     RESIDUE,
     RETURNED,
     RIGHT,
     SCALE,
-    SLIDES_ON,
     TRIED,
     TRIED_WAY,
     X,
     closed_from,
-    row_of,
     rows_of_closed,
 )
 from xdynamics.march.assembly.normal_forces import (
@@ -55,8 +52,6 @@ MOST_BOUNDS = 300  # turns of making bounds anew
 MOST_SWEEPS = 1 << 13  # turns over all links, one after the other
 SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at once
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
-LIFTING = 1e-10  # of the largest force: a pull, or a drag beyond its bound, that is smaller may be rounding
-LIFTS, BREAKS, STOPS = range(1, 4)  # what happens to a closed link: its force, its grip, or its slip passes zero
 
 
 @shared
@@ -315,21 +310,3 @@ def improve(run: Run, enough: float, first: int, rows: int) -> None:
             run.paths[2 * k + 1, row] = own - run.vectors[X, row] if drags else 0.0
         if not follow_path(run, k, first, rows):
             return
-
-
-@shared
-def margin(run: Run, a: int, what: int) -> float:
-    """What of a closed link falls to zero where it lifts, its grip breaks, or its slip stops."""
-    row = row_of(run, a)
-    if what == LIFTS:
-        return float(run.loads[a])
-    if what == BREAKS:
-        return float(run.vectors[GRIP, row + 1] * run.loads[a] - abs(run.pulls[a]))
-    return slip_on(run, a)
-
-
-@shared
-def slip_on(run: Run, a: int) -> float:
-    """The slip of a link that slides, in the direction in which it began to."""
-    from_row = run.vectors[RATES, row_of(run, a) + 1]
-    return float(from_row if run.grips[a] == SLIDES_ON else -from_row)

@@ -34,16 +34,16 @@ from xdynamics.march.assembly.closed_links import (
     rows_of_closed,
 )
 from xdynamics.march.assembly.friction import solve_closed
+from xdynamics.march.assembly.links import NOISE
+from xdynamics.march.assembly.margins import SINCE
 from xdynamics.march.assembly.normal_forces import solve_equations
 from xdynamics.march.assembly.patterns import set_out
-from xdynamics.march.assembly.releases import SINCE
 from xdynamics.march.assembly.sharing import share_forces
 from xdynamics.march.calls import floats_at, run_at
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
-NOISE = 64.0 * EPS  # of the terms of a gap: what rounding may leave
 MOST_CORRECTIONS = 10  # Newton steps to gaps of zero
 
 

@@ -21,8 +21,7 @@ from xdynamics.march.assembly.broad_phase import (
 )
 from xdynamics.march.assembly.closed_links import DRAG, GRIP, OWN_SCALE, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.friction import solve_links
-from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.narrow_phase import NOISE
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE
 from xdynamics.march.assembly.single_impacts import each_alone, reverse
 from xdynamics.march.assembly.touching import (
     ACTS,

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import SMOOTH
+from xdynamics.elementary.rounding_margins import EPS, SMOOTH
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, shared
 from xdynamics.kernels.law import DETECT, SLOPES, TOUCHING
 from xdynamics.kernels.program import T
@@ -21,6 +21,7 @@ State = NDArray[Any]
 BASE, FAMILY, MOVES, TARGET, END = range(5)
 ASSEMBLY, LINK, FIRST, SECOND, NEAR = range(5)  # of a candidate; whether narrow boxes do not prove it apart
 WIDE, NARROW = 0, 2  # of the rows of boxes, the lower end of each
+NOISE = 64.0 * EPS  # of the terms of a gap, or a rate: what rounding may leave
 
 pattern_at: Any = UNCOMPILED.__getitem__ if PLAINLY else run_at
 

@@ -22,8 +22,18 @@ from xdynamics.march.assembly.closed_links import (
     closed_index,
     row_of,
 )
-from xdynamics.march.assembly.friction import margin
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, NEAR, enclose_motion, gap_at, pattern_at, rate_at, touch
+from xdynamics.march.assembly.links import (
+    ASSEMBLY,
+    LINK,
+    NEAR,
+    NOISE,
+    enclose_motion,
+    gap_at,
+    pattern_at,
+    rate_at,
+    touch,
+)
+from xdynamics.march.assembly.margins import FIRST, least_margin, note_margins
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import clears
 from xdynamics.march.log import MOST_SUBSTEPS
@@ -32,7 +42,6 @@ from xdynamics.march.trial_step import copy, keep, substep, take
 
 State = NDArray[Any]
 FREE, MEETS, OPEN = range(3)  # what is known of a link on a piece
-NOISE = 64.0 * EPS  # of the terms of a rate: what rounding may leave
 MOST_TURNS = 200
 INSIDE = 0.4  # of the time tolerance: how far beyond an estimated root the other side of it is looked for
 
@@ -208,7 +217,8 @@ def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
     t, tolerance = run.now[0].t, finest_resolution(run, end)
     run.spans[LEFT], earlier = start, 4.0 * (end - start)
     copy(run.far, run.z)
-    at_low, at_high = least(run, run.near, t + start, of_gaps), least(run, run.far, t + end, of_gaps)
+    at_low = least_at_start(run, t + start, of_gaps)
+    at_high = least(run, run.far, t + end, of_gaps)
     turns = 0
     while high - low > tolerance and turns < MOST_TURNS:
         turns += 1
@@ -221,7 +231,7 @@ def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
             s = (low + high) / 2.0
         earlier = width if turns % 3 == 0 else earlier
         substep(run, s)
-        value = least_gap(run, run.z, t + s) if of_gaps else least_force(run)  # which the substep found
+        value = least_gap(run, run.z, t + s) if of_gaps else least_margin(run)  # which the substep found
         if value > 0.0:
             low, at_low = s, value
         else:
@@ -241,12 +251,22 @@ def finest_resolution(run: Run, s: float) -> float:
 
 
 @shared
+def least_at_start(run: Run, t: float, of_gaps: bool) -> float:
+    """The least of what falls on the piece, at its start."""
+    if of_gaps:
+        return least_gap(run, run.near, t)
+    forces_at(run, run.near, t)
+    note_margins(run, FIRST)
+    return least_margin(run)
+
+
+@shared
 def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
     """The least of what falls on the piece: gaps, or forces of closed links."""
     if of_gaps:
         return least_gap(run, state, t)
     forces_at(run, state, t)
-    return least_force(run)
+    return least_margin(run)
 
 
 @shared
@@ -255,16 +275,6 @@ def forces_at(run: Run, state: State, t: float) -> None:
     copy(state, run.probe)
     run.at[T] = t
     called(run.law[FORCES], run, run.probe, run.probe, 0)
-
-
-@shared
-def least_force(run: Run) -> float:
-    """The least of what falls to zero in the trial: forces, what is left of grips, or slips, as they were found last."""
-    force = inf
-    for a in range(run.closed[0]):
-        if run.lifted[a] > 0:
-            force = min(force, margin(run, a, run.lifted[a]))
-    return force
 
 
 @shared

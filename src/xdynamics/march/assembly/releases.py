@@ -2,9 +2,10 @@
 
 Forces within a step are looked at on the cubic that its states and velocities leave: at its middle, for a method of many
 stages at more places, and where a parabola through a force, or what is left of a grip, at start, middle and end falls to
-zero. What is found there is found again in a shortened step before it counts. What passes zero and returns between these
-places, by more than a parabola shows, is not found. Where nothing changed by more than a twentieth in several steps, nor
-at their middles, only every sixteenth step is looked into, and those in which something changes.
+zero. What is found there is found again in a shortened step before it counts; a step shortened to a release at its end is
+looked into as well. What passes zero and returns between these places, by more than a parabola shows, is not found. Where
+nothing changed by more than a twentieth in several steps, nor at their middles, only every sixteenth step is looked into,
+and those in which something changes.
 """
 
 from __future__ import annotations
@@ -13,25 +14,21 @@ from math import inf
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import QUIET, STRAIN
-from xdynamics.march.assembly.closed_links import (
-    FRICTIONLESS,
-    OWN_SCALE,
-    RIGHT,
-    SLIDES_ON,
-    STEEP,
-    STICKS,
-    X,
-    closed_from,
-    grip_at,
-    row_of,
-    rows_of_closed,
+from xdynamics.march.assembly.margins import (
+    AT_END,
+    FIRST,
+    LAST,
+    MIDDLE,
+    SINCE,
+    keep_passed,
+    note_margins,
+    release_of,
+    size_of_forces,
 )
-from xdynamics.march.assembly.friction import BREAKS, LIFTING, LIFTS, STOPS, margin
-from xdynamics.march.assembly.narrow_phase import NOISE, close_in, forces_at
+from xdynamics.march.assembly.narrow_phase import close_in, forces_at
 from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy, keep, substep, take
 
-FIRST, MIDDLE, LAST, SINCE = range(4)  # rows of `margins`: at start, middle and end of a step, and its start
 STEADY, STEADY_STEPS, SIXTEENTH = 0.05, 3, 16  # what is no change; steps in a row after which few are looked into
 STAGES_FOR_ONE = 8  # of a method, for each two further places at which forces are looked at
 
@@ -41,45 +38,43 @@ def find_release(run: Run) -> bool:
     """Shorten the trial to end just after a closed link lifts, its grip breaks or its slip stops; whether one does."""
     if run.closed[0] == 0:
         return False
-    h = run.trial[0].h
     if run.piece[0].substeps > 0:  # else they are those of the trial's last evaluation
         forces_at(run, run.z, run.trial[0].t)
-    releases = any_release(run)
-    if not releases:
-        s = within(run, h)
-        releases = s > 0.0 and is_confirmed(run, s)
-        h = s if releases else h
-    if releases:
-        copy(run.y, run.near)
-        copy(run.z, run.far)
-        close_in(run, 0.0, h, False)
+    ends = any_release(run)
+    if ends:
+        shorten(run, run.trial[0].h)
+        for a in range(run.closed[0]):
+            run.margins[AT_END, a] = run.lifted[a]
+    s = within(run, run.trial[0].h)
+    if s > 0.0 and is_confirmed(run, s):
+        shorten(run, s)
+        return True
+    if ends:
+        forces_at(run, run.z, run.trial[0].t)
+        for a in range(run.closed[0]):
+            run.lifted[a] = int(run.margins[AT_END, a])
         run.margins[SINCE, 0] = -inf
-    return releases
+    return ends
+
+
+@shared
+def shorten(run: Run, h: float) -> None:
+    """Shorten the trial, or a part of it, to end just after the first of what happens to links by its end; note only that."""
+    copy(run.y, run.near)
+    copy(run.z, run.far)
+    close_in(run, 0.0, h, False)
+    keep_passed(run)
+    run.margins[SINCE, 0] = -inf
 
 
 @shared
 def any_release(run: Run) -> bool:
     """Note what happens to each closed link by the forces just found; whether anything does."""
-    size, releases = 0.0, False
-    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
-        size = max(size, abs(run.vectors[X, row]), abs(run.vectors[RIGHT, row]))
+    size, releases = size_of_forces(run), False
     for a in range(run.closed[0]):
         run.lifted[a] = release_of(run, a, size)
         releases = releases or run.lifted[a] > 0
     return releases
-
-
-@shared
-def release_of(run: Run, a: int, size: float) -> int:
-    """What happens to a closed link by the forces just found, of a size; 0 for nothing."""
-    row, grip = row_of(run, a), grip_at(run, a)
-    if run.vectors[X, row] < -LIFTING * size:
-        return LIFTS
-    if grip == STICKS and margin(run, a, BREAKS) < -LIFTING * size * run.vectors[OWN_SCALE, row + 1]:
-        return BREAKS
-    if grip >= SLIDES_ON and margin(run, a, STOPS) < -NOISE * run.vectors[STEEP, row + 1] * run.greatest[0]:
-        return STOPS
-    return 0
 
 
 @shared
@@ -128,16 +123,6 @@ def first_inside(run: Run, h: float) -> float:
             return share
     share = lowest(run)
     return share if 0.0 < share < 1.0 and seems_to_release(run, share, h) else 0.0
-
-
-@shared
-def note_margins(run: Run, place: int) -> None:
-    """Note what may fall to zero of every closed link: its force, and what is left of its grip, or its slip."""
-    for a in range(run.closed[0]):
-        grip = grip_at(run, a)
-        run.margins[place, 2 * a], run.margins[place, 2 * a + 1] = margin(run, a, LIFTS), inf
-        if grip != FRICTIONLESS:
-            run.margins[place, 2 * a + 1] = margin(run, a, BREAKS if grip == STICKS else STOPS)
 
 
 @shared

@@ -16,22 +16,19 @@ from xdynamics.march.assembly.closed_links import (
     RESIDUE,
     RIGHT,
     SCALE,
-    STICKS,
     X,
     closed_from,
     row_of,
     rows_of_closed,
 )
 from xdynamics.march.assembly.friction import (
-    BREAKS,
-    LIFTING,
     RESTLESS,
     bound_row,
-    margin,
     pose_bounds,
     settle,
     solve_from,
 )
+from xdynamics.march.assembly.margins import BREAKS, LIFTS, release_of, size_of_forces
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest
 from xdynamics.march.run import Run
 
@@ -45,12 +42,10 @@ def share_forces(run: Run) -> None:
     The motion stays as it is, which these forces have in common with those of `solve_closed`.
     """
     first, rows, within = closed_from(run), rows_of_closed(run), True
-    size = largest(run, X, first, rows)
+    size = size_of_forces(run)
     for a in range(run.closed[0]):
-        row = row_of(run, a)
-        within = within and run.vectors[X, row] >= -LIFTING * size
-        if run.grips[a] == STICKS:
-            within = within and margin(run, a, BREAKS) >= -LIFTING * size * run.vectors[SCALE, row + 1]
+        what = release_of(run, a, size)
+        within = within and what != LIFTS and what != BREAKS
     if within:
         note_shares(run, first, rows)
         return

@@ -19,9 +19,9 @@ from xdynamics.march.assembly.broad_phase import (
     blame,
 )
 from xdynamics.march.assembly.closed_links import FRICTIONLESS, closed_index
-from xdynamics.march.assembly.friction import BREAKS
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, member, pattern_at, touch
-from xdynamics.march.assembly.narrow_phase import NOISE, reach_of
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE, member, pattern_at, touch
+from xdynamics.march.assembly.margins import BREAKS
+from xdynamics.march.assembly.narrow_phase import reach_of
 from xdynamics.march.run import Run
 
 CANDIDATE, GAP, RATE, BOUNCE, SLACK, TARGET_RATE, IMPULSE, TOTAL, LOST, ACTS, BEFORE, OWN, EARLY, BIAS, ROUGH = range(
