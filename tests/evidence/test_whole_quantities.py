@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,15 @@ import xarray as xr
 import xdynamics as xd
 from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, judge
 from xdynamics.faults import DOT
+from xdynamics.kernels import law_of
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble_part import log_of_many
 from xdynamics.march.settings import Settings
+from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods import METHODS
+from xdynamics.model.elements import Elements
+from xdynamics.sweeping.ensemble_records import Harvest
+from xdynamics.sweeping.members import LOG_BYTES
 
 CHAIN = """
 name = "chain"
@@ -190,3 +197,83 @@ def test_logs_of_many_wide_runs_are_short(chain: xd.Model) -> None:
     settings = Settings(METHODS["rk4"], 1.0)
     assert log_of_many(settings.layout(wide), settings).rows.nbytes < 1 << 26
     assert log_of_many(settings.layout(chain), settings).rows.shape[1] > 1 << 14
+
+
+@pytest.mark.parametrize(
+    "verb",
+    ["companion", "diagnose", "complete", "compare", "sample", "extend", "save", "plot"],
+)
+@pytest.mark.parametrize("cut", [{"site": [0]}, {"site": 0}, {"spring": [1, 2]}, {"site": [0], "step": slice(0, 5)}])
+def test_a_run_that_was_cut_is_refused(chain: xd.Model, tmp_path: Path, verb: str, cut: dict[str, Any]) -> None:
+    """Assert that no verb computes with some elements of a run: it says which dimension was cut, and what is needed."""
+    more: dict[str, Any] = {"sample": (0.5,), "compare": (xd.simulate(chain),)}
+    more |= {"save": (tmp_path / "run.nc",), "plot": (tmp_path / "run.png",)}
+    until = {"until": "2 s"} if verb == "extend" else {}
+    dim, kept = next((dim, kept) for dim, kept in cut.items() if dim != "step")
+    said = f"cut: it has {len(kept) if isinstance(kept, list) else 'a single one'} of its . elements along '{dim}', .*whole run"
+    with pytest.raises(xd.InputError, match=said):
+        getattr(xd, verb)(xd.simulate(chain).isel(cut), *more.get(verb, ()), **until)
+
+
+@pytest.mark.parametrize("verb", ["companion", "diagnose", "complete", "compare", "sample", "save"])
+def test_a_run_that_was_cut_is_refused_without_labels(tmp_path: Path, verb: str) -> None:
+    """Assert that one element of a run without labels or events, which nothing in it names, is refused likewise."""
+    text = CHAIN[: CHAIN.index("[events")] + CHAIN[CHAIN.index("[initial]") :]
+    run = xd.simulate(xd.Model.from_text(text.replace('["a", "b", "c", "d"]', "4")))
+    more = {"sample": (0.5,), "compare": (run,), "save": (tmp_path / "run.nc",)}
+    with pytest.raises(xd.InputError, match="cut: it has a single one of its 4 elements along 'site'"):
+        getattr(xd, verb)(run.isel(site=0), *more.get(verb, ()))
+
+
+def test_closed_forms_are_checked_and_read_without_their_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a model with a closed form of every element is read without one of them, and knows each."""
+    made: list[str] = []
+    monkeypatch.setattr(Elements, "_closed_form", lambda _, form, place: made.append(form.quantity) or (form, place))
+    forms = '[validation.end]\nquantity = "u"\nexpression = "1*metre*index(site)"\nbound = "1 m"\n'
+    model = xd.Model.from_text(CHAIN + forms)
+    assert [*model.validation] == [f"end{DOT}{label}" for label in "abcd"]
+    assert made == []
+    assert model.validation[f"end{DOT}c"][1] == {"site": 2}
+
+
+@pytest.mark.parametrize(
+    ("form", "said"),
+    [
+        ('expression = "1*second*index(site)"', "validation 'u': has units 's', needs 'm' of 'u'"),
+        ('expression = "u"', "validation 'u': reads 'u', which is what is computed"),
+        ('expression = "1*metre"\nquantity = "u[e]"', "validation 'u': dimension 'site' has no element e"),
+        ('expression = "1*metre"\nevent = "passed"', "event 'passed' is one of each site; name one, like 'passed.a.'"),
+        ('expression = "1*metre"\nevent = "passed[e]"', "validation 'u': dimension 'site' has no element e"),
+        (
+            'expression = "1*metre"\nevent = "arrived[a]"',
+            r"event 'arrived\[a\]' is none of the model's; there are passed",
+        ),
+        ('expression = "1*metre"\nbound = "1 s"', "bound '1.0 s' has units 's', needs 'm'"),
+    ],
+)
+def test_closed_forms_of_all_elements_that_cannot_be(form: str, said: str) -> None:
+    """Assert that a closed form of all elements is refused once, with what is wrong."""
+    bound = "" if "bound" in form else '\nbound = "1 m"'
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model.from_text(f"{CHAIN}[validation.u]\n{form}{bound}")
+
+
+def test_long_rows_are_held_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a sweep of a model with many elements never holds more rows than the limit, and runs go alone."""
+    n, held = 1000, list[int]()
+    text = CHAIN[: CHAIN.index("[observables]")] + CHAIN[CHAIN.index("[initial]") :]
+    text = text.replace('["a", "b", "c", "d"]', str(n)).replace("[4, 5, 6]", "5").replace("[1, 2, 1, 3]", "1")
+    model = xd.Model.from_text(text.replace("[1, 0, 0.2, -0.3]", "0"))
+
+    def harvest(*given: Any) -> Harvest:
+        held.append(8 * len(given[2].columns) * int(given[2].rows.sum()))
+        return Harvest(*given)
+
+    monkeypatch.setattr("xdynamics.sweeping.members.Harvest", harvest)
+    starts = {"u[3]": [f"{i} mm" for i in range(1, 41)]}
+    kept = xd.sweep(model, starts, keep=["u[3]"], times=[0.1], until="0.1 s", members_per_task=40).compute()
+    assert len(held) > 1
+    assert max(held) <= 2 * LOG_BYTES
+    np.testing.assert_array_equal(kept.u.sel(site=3).squeeze() > 0, True)
+    settings = settings_for(model)
+    assert lanes_for(law_of(settings.layout(model), sampled=False), settings, 1000, None) == 1

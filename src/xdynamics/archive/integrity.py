@@ -14,7 +14,7 @@ from xdynamics.archive.content import content_digest
 from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, digest_of
 from xdynamics.archive.seals import letters, slabs
 from xdynamics.faults import InputError, numbered
-from xdynamics.record import own_attributes, plain
+from xdynamics.record import check_elements, own_attributes, plain
 from xdynamics.record.laziness import is_chunked
 from xdynamics.record.partial_records import is_selection
 from xdynamics.record.unfolding import as_recorded
@@ -109,9 +109,25 @@ def check_unchanged(run: xr.Dataset) -> None:
     """
     result = standing(run)
     if result.faults:
+        check_cut(run)
         raise InputError(f"this is not the record that was marched:{numbered(result.faults)}", result.faults)
     if result.selected:
         raise InputError(f"this is a part of a run, {result.selected}; take the whole one")
+
+
+def check_cut(run: xr.Dataset) -> None:
+    """Refuse a record whose variables have fewer elements than they were marched with.
+
+    Raises
+    ------
+    InputError
+        Naming the dimension of the model that was cut.
+    """
+    run = as_recorded(run)
+    origin = run.attrs.get(ORIGIN)
+    parts = origin.parts if isinstance(origin, Origin) else {}
+    kept = {name: part.dims for name, part in parts.items() if name in run.variables}
+    check_elements(run, {dim for name, dims in kept.items() for dim in {*dims} - {*run.variables[name].dims}})
 
 
 def _selected(fewer: Mapping[str, list[str]], left_out: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.integrity import standing
+from xdynamics.archive.integrity import check_cut, standing
 from xdynamics.archive.integrity_checks import compare
 from xdynamics.archive.netcdf_library import alone, opened
 from xdynamics.archive.place import GIVEN, Given, Place, check_name, placed, real
@@ -229,6 +229,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         )
     if derived is None:
         record.check(run, whole=False)
+        check_cut(run)
     result = standing(run)
     attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
     if derived is not None:

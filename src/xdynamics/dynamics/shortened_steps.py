@@ -102,6 +102,7 @@ class Inside:
         for quantity in inside.quantities:
             name, units = quantity.name, inside.model.units[quantity.first].text
             if name not in run.variables:
+                record.check_elements(record.whole_of(run), inside.model.shapes.placed(name)[1])
                 remedy = log_description(run.attrs) or "sample the whole record"
                 raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
             if run.variables[name].attrs.get("units") != units:

@@ -29,6 +29,9 @@ LANE_ROWS = 1 << 5  # of a lane's log, to which the single march writes now and 
 EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
 ROW_ROOM = 1 << 12  # rows of all lanes before they are taken out
 FEWEST_A_LANE = 4  # runs from which lanes pay
+LARGEST_ROW = (
+    2048  # numbers up to which they do: of more, a run's own elements fill the processor, and lanes its caches
+)
 
 
 def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
@@ -42,7 +45,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
         return 1
     if asked is not None:
         return max(1, asked)
-    return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() else 1
+    return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() and layout.row.size <= LARGEST_ROW else 1
 
 
 def march_abreast(
@@ -139,7 +142,8 @@ def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
         )
     )
     places |= {name: (OF_LANE, of_collocation(layout) + KEPT.index("iterations")) for name in layout.effort}
-    sources = [(i, *places[name]) for i, name in enumerate(layout.row) if name in columns]
+    wanted = frozenset(columns)
+    sources = [(i, *places[name]) for i, name in enumerate(layout.row) if name in wanted]
     return np.array(sources, np.int64).reshape(-1, 3)
 
 

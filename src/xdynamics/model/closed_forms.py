@@ -9,6 +9,7 @@ from xdynamics.expressions import dimension_of, free_names
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.kinds import Kind
 from xdynamics.model.statement import Statement
+from xdynamics.shapes.naming import parted, written
 from xdynamics.units import Dimension, Quantity, parse_quantity, spell
 
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
@@ -39,7 +40,10 @@ def exact_from(bound: str) -> int:
 
 
 def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
-    """Note what is wrong with names and dimensions of closed forms, which may read time, parameters and unit names."""
+    """Note what is wrong with names and dimensions of closed forms, which may read time, parameters and unit names.
+
+    Of a statement with dimensions each is checked once, for all elements of its quantity.
+    """
     moving = {
         *statement.coordinates,
         *statement.states,
@@ -54,15 +58,16 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
                 raise InputError(
                     f"reads '{computed[0]}', which is what is computed; a closed form is of t and parameters"
                 )
-            if form.event and form.event not in event_names:
+            quantity, event = (parted(written(word))[0] for word in (form.quantity, form.event))
+            if event and event not in event_names:
                 raise InputError(
                     f"event '{form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"
                 )
             needed = (
                 statement.time_unit.dimension
-                if form.quantity == "t" and form.event
-                else known.get(form.quantity)
-                if form.quantity in moving
+                if quantity == "t" and event
+                else known.get(quantity)
+                if quantity in moving
                 else None
             )
             if needed is not None and dimension != needed:

@@ -107,6 +107,7 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
             if chosen and chosen.unit and chosen.unit.dimension != dimension:
                 raise InputError(f"has units '{dimension}', and is to be in '{chosen.unit.text}'")
     _check_pictured(statement, dimensions, ledger)
+    check_validation(statement, dimensions, ledger)
     ledger.raise_faults()
     if statement.delayed or statement.history:
         check_delays(statement, dimensions, ledger)
@@ -115,12 +116,10 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
 
 
 def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion: bool = False) -> None:
-    """Check what is checked on single numbers: closed forms, uncertainties, contacts, perhaps a motion; as `check`."""
+    """Check what is checked on single numbers: uncertainties, contacts, perhaps a motion; as `check`."""
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     if motion:
         check_motion(statement, dimensions, ledger)
-    if statement.validation:
-        check_validation(statement, dimensions, ledger)
     known = dimensions | _accelerations(statement, dimensions) if statement.discrepancy else dimensions
     _check_spreads(statement, known, ledger)
     ledger.raise_faults()

@@ -133,8 +133,10 @@ class ElementNumbers:
 
     def read_at_start(self) -> frozenset[str]:
         """Return the parameters that values at the start follow."""
-        read = (name for _, _, tree in self._expressions() for name in free_names(tree))
-        return frozenset(read) - {*self.statement.unit_constants, "pi"}
+        trees = [values.tree for values in self.statement.starting.values() if values.tree is not None]
+        if any(name in self.shapes.dims for tree in trees for name in free_names(tree)):
+            trees = [tree for _, _, tree in self._expressions()]
+        return frozenset(name for tree in trees for name in free_names(tree)) - {*self.statement.unit_constants, "pi"}
 
     def slopes(self, numbers: Mapping[str, Parameter], by: Iterable[str]) -> dict[tuple[str, str], float]:
         """Return the derivatives of values at the start by parameters, where they are not zero, in SI units."""

@@ -19,6 +19,7 @@ from xdynamics.model.statement import Statement
 from xdynamics.reaction_names import joint_force, joint_torque
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, dims_of, written
+from xdynamics.shapes.naming import spoken
 from xdynamics.units import Dimension
 
 
@@ -75,6 +76,13 @@ def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     for name, event in statement.events.items():
         with ledger.entry(f"event '{name}'"):
             _check_targets(event.reset, shapes)
+    for name, form in statement.validation.items():
+        with ledger.entry(f"validation '{name}'"):
+            shapes.placed(form.quantity)
+            detector, place = shapes.placed(form.event)
+            if own.get(detector) and not place:
+                one = spoken(shapes.first(detector))
+                raise InputError(f"event '{detector}' is one of each {own[detector][0]}; name one, like '{one}'")
     for term, force in statement.forces.items():
         _check_force(term, force, statement, shapes, ledger)
 

@@ -33,7 +33,6 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.statement import Statement
 from xdynamics.shapes import at, dims_of, gradient, written
-from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import expanded, total
 
 Part = TypeVar("Part")
@@ -72,7 +71,7 @@ class Elements(ElementNumbers):
             controllers={name: self._controller(part) for name, part in old.controllers.items()},
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
-            validation=_by_element(self._closed_form, old.validation),
+            validation=self._validation(),
             correlations={(written(a), written(b)): value for (a, b), value in old.correlations.items()},
             discrepancy={
                 element: part for name, part in old.discrepancy.items() for element in self._names(written(name))
@@ -211,14 +210,17 @@ class Elements(ElementNumbers):
         for element, place in self._placed(name):
             yield element, replace(part, **self._at_keys(part, keys, place))
 
-    def _closed_form(self, name: str, form: Validation) -> Iterator[tuple[str, Validation]]:
-        """Yield the closed form of each element of its quantity."""
-        quantity = written(form.quantity)
-        for place in self.shapes.places(self.shapes.dims.get(quantity, ())):
-            element = self.shapes.element(quantity, place)
-            tree = at(form.expression, place, self.shapes)
-            label = name if element == quantity else DOT.join([name, *parted(element)[1]])
-            yield label, replace(form, quantity=element, expression=tree, event=written(form.event))
+    def _validation(self) -> dict[str, Validation]:
+        """Return the closed forms of the elements of each quantity, which are named as it is and its elements are."""
+        forms = self.statement.validation
+        dims = {name: self.shapes.dims.get(written(form.quantity), ()) for name, form in forms.items()}
+        own = replace(self.shapes, dims=dims)
+        return Elementwise(own, {name: partial(self._closed_form, form) for name, form in forms.items()})
+
+    def _closed_form(self, form: Validation, place: Place) -> Validation:
+        """Return the closed form of an element of its quantity."""
+        element = self.shapes.element(written(form.quantity), place)
+        return replace(form, quantity=element, expression=self._at(form.expression, place), event=written(form.event))
 
     def _at_keys(self, part: Any, keys: tuple[str, ...], place: Place) -> dict[str, Any]:
         trees = {key: getattr(part, key) for key in keys}

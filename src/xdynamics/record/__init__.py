@@ -9,6 +9,7 @@ from xdynamics.runtime.lazy_imports import entrance
 if TYPE_CHECKING:
     from xdynamics.record.column import Column
     from xdynamics.record.conformity import faults_of
+    from xdynamics.record.folding import check_elements
     from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
     from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
     from xdynamics.record.run_identity import (
@@ -29,6 +30,7 @@ _ROOMS = {
     "Column": "column",
     "apart": "run_identity",
     "check": "run_dataset",
+    "check_elements": "folding",
     "check_kind": "run_dataset",
     "columns": "run_columns",
     "comes_of": "run_identity",
@@ -58,6 +60,7 @@ __all__ = [
     "Column",
     "apart",
     "check",
+    "check_elements",
     "check_kind",
     "columns",
     "comes_of",

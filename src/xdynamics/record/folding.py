@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.faults import InputError
 from xdynamics.record.element_attributes import attributes_of_whole
 from xdynamics.record.element_names import Names, Whole
 from xdynamics.record.laziness import is_chunked
@@ -117,6 +119,30 @@ def model_dimensions(dataset: Any) -> dict[str, int]:
     """Return the dimensions of the model in a record with their sizes in it, in their order; most records have none."""
     text = getattr(dataset, "attrs", {}).get(MODEL_DIMENSIONS)
     return {} if text is None else {name: int(size) for name, size in _SIZED.findall(str(text))}
+
+
+def check_elements(record: xr.Dataset, needed: Collection[str] = ()) -> None:
+    """Refuse a run of which elements were left out: the motion of one depends on all.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+    needed : collection of str
+        Dimensions that are known to be missing where they are, and not dropped with all variables that had them.
+
+    Raises
+    ------
+    InputError
+        Naming the dimension that was cut.
+    """
+    for dim, size in model_dimensions(record).items():
+        now = record.sizes.get(dim)
+        if now != size and (now is not None or dim in needed or dim in record.coords):
+            kept = "a single one" if now is None else now
+            raise InputError(
+                f"the run was cut: it has {kept} of its {size} elements along '{dim}', and the motion of one depends on all;"
+                f" give the whole run, and select elements of what comes back, like .isel({dim}=0)"
+            )
 
 
 def labelled(dataset: xr.Dataset) -> xr.Dataset:

@@ -17,6 +17,7 @@ from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
+from xdynamics.record.folding import check_elements
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
 from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
@@ -141,6 +142,7 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
     check_dataset(run)
     faults = faults_of(run, whole=whole, values=values)
     if faults:
+        check_elements(run)
         raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
 
 
@@ -158,7 +160,7 @@ def check_dataset(given: Any) -> None:
 
 
 def check_kind(run: Any) -> None:
-    """Check that an object looks like a run record, without reading its values.
+    """Check that an object looks like a run record with all its elements, without reading its values.
 
     Raises
     ------
@@ -176,6 +178,7 @@ def check_kind(run: Any) -> None:
         raise InputError(
             f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{STEPS}'"
         )
+    check_elements(run)
 
 
 def _gathered(

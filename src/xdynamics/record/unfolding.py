@@ -12,7 +12,7 @@ import numpy as np
 
 from xdynamics.record.element_attributes import attributes_of_element
 from xdynamics.record.element_names import listed
-from xdynamics.record.folding import FOLDED, fold, labelled, model_dimensions, unlabelled
+from xdynamics.record.folding import FOLDED, check_elements, fold, labelled, model_dimensions, unlabelled
 from xdynamics.record.named_elements import DETECTOR, detectors_of, dims_of_detectors, has_labels, labels_of
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
@@ -124,6 +124,8 @@ def _detectors(
 
     detector = variables[DETECTOR]
     along = dims_of_detectors(detector.attrs)
+    if along:
+        check_elements(dataset)
     words = str(detector.attrs["flag_meanings"]).split()
     first, names = {}, 0
     for number, word in zip(np.atleast_1d(detector.attrs["flag_values"]).tolist(), words, strict=True):

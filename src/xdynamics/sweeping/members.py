@@ -38,6 +38,7 @@ Block = Sequence[slice]
 
 LOG_BYTES = 12_000_000  # of complete logs held at once
 FEW, MOST, MORE = 128, 16_384, 16  # members whose logs are held: at first, at most, and growth factor
+FEW_ROWS = 32  # of a member's log, with which the first ones are held
 REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # whose cause is found by repeating the step
 LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
@@ -172,13 +173,15 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
 def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs]]:
     """March a group; if logs are read, or each member is posed alone, as many at a time as the memory limit allows."""
     alone = group.settings.precision != FLOAT64
-    begin, count, room = 0, FEW if reads or alone else len(group.places), Room()
+    row = max(1, 8 * len(reads))
+    few = max(1, min(FEW, LOG_BYTES // (FEW_ROWS * row)))
+    begin, count, room = 0, few if reads or alone else len(group.places), Room()
     while begin < len(group.places):
         part = slice(begin, begin + count)
         runs = group.marched(part, logs=reads, room=room)
         yield part, runs
         begin += count
-        rows = max(1, int(runs.rows.max()) * len(reads) * 8)
+        rows = max(1, int(runs.rows.max()) * row)
         count = min(MORE * count, MOST, max(1, LOG_BYTES // rows)) if reads else count
 
 
