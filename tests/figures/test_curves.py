@@ -271,6 +271,22 @@ def test_steps_of_impulses_are_joined_and_it_is_said() -> None:
     assert figure.axes[0].get_title(loc="left") == "contact and friction; straight between rows"
 
 
+@pytest.mark.parametrize(("count", "note"), [(3, ""), (30, "; of many links: solved at rows, straight between them")])
+def test_forces_of_many_contacts_are_joined_and_the_reason_is_said(count: int, note: str) -> None:
+    """Assert that a few normal forces are evaluated inside steps, and that the panel of many says why they are not."""
+    balls = xd.Model(
+        name="balls",
+        dimensions={"ball": count},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}},
+        mass={"y": "1*kilogram"},
+        initial={"y": "0 m"},
+        forces={"load": {"y": "-newton*(5 + sin(t/second))"}},
+        contacts={"floor": {"gap": "y", "restitution": 0.0}},
+    )
+    axes = xd.plot(xd.simulate(balls, method="rk4", step=0.2, until=3.0), only="contact").axes[0]
+    assert axes.get_title(loc="left").replace("\n", " ").endswith(note or "contact and friction")
+
+
 def bodies(count: int) -> xr.Dataset:
     """A run of so many bodies on springs in the plane."""
     names = [f"{axis}{k}" for k in range(count) for axis in "xy"]

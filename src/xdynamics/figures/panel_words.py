@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import xarray as xr
 
-from xdynamics.figures.curves import has_chords
+from xdynamics.figures.curves import has_chords, known_model
 from xdynamics.record.unfolding import whole_of
 from xdynamics.shapes import element, parted
 
+CONTACT = {"reaction", "gap"}  # roles
 LONGEST_LABEL = 24  # characters
 
 
 def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
-    """Note where lines are straight between rows, because the states there are unknown."""
-    return "; straight between rows" if has_chords(run, *names, exact=exact) else ""
+    """Note where lines are straight between rows, because the states there, or forces of contacts of many bodies, are unknown."""
+    if not has_chords(run, *names, exact=exact):
+        return ""
+    roles, model = {run.variables[name].attrs.get("role") for name in names if name in run.variables}, known_model(run)
+    if roles and roles <= CONTACT and model is not None and model.assemblies:
+        return "; of many links: solved at rows, straight between them"
+    return "; straight between rows"
 
 
 def joined(names: list[str]) -> str:
