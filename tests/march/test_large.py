@@ -225,6 +225,35 @@ def test_a_million_elements_take_little_more_than_their_records(made: str, besid
     assert taken < record + beside
 
 
+ROD = """
+name = "A rod of many cells"
+[dimensions]
+cell = {n}
+[states.T]
+unit = "K"
+dims = ["cell"]
+rate = "(shift(T, cell, -1, 0*kelvin) - 2*T + shift(T, cell, 1, 0*kelvin))/second"
+[initial]
+T = "kelvin*sin(2*pi*index(cell)/1000)"
+[run]
+method = "radau_iia"
+rtol = 1e-4
+atol = {{ T = "1e-4 K" }}
+until = "1e4 s"
+"""
+
+
+@pytest.mark.dear
+def test_a_million_cells_by_radau_take_fifty_numbers_each(tmp_path: Path) -> None:
+    """Assert that the heat equation of 10^6 cells takes its record and 50 numbers a cell: 12 are factors, 15 of stages."""
+    made = 'return [xd.simulate(model, log="states")]'
+    words = [sys.executable, "-c", PEAK.format(made=made, small=ROD.format(n=1000), large=ROD.format(n=1_000_000))]
+    run = subprocess.run(words, capture_output=True, text=True, check=True, cwd=tmp_path)
+    taken, record = map(float, run.stdout.split())
+    assert record > 120.0
+    assert taken < record + 410.0
+
+
 WRITE = """
 import sys
 import xdynamics as xd

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,8 @@ WIDE = 64  # numbers in a row of a band from which on another order is looked fo
 LEAST_BANDED = 64  # single numbers from which on their band is looked for
 TRIED = 32  # numbers of groups that are tried with columns dealt out in turn
 
-Whole = NDArray[np.int64]
+Whole = NDArray[Any]  # of numbers, most of 32 bits: large models have millions of entries
+SHORT = np.int32
 
 
 class Band(NamedTuple):
@@ -37,7 +38,7 @@ class Band(NamedTuple):
 
     Attributes
     ----------
-    order : ndarray of int64, shape (unknowns,)
+    order : ndarray of int32, shape (unknowns,)
         The place of each unknown.
     lower, upper : int
         Entries below and above the diagonal in a column and a row.
@@ -58,16 +59,15 @@ class Pattern(NamedTuple):
 
     Attributes
     ----------
-    rows, columns : ndarray of int64, shape (entries,)
-        Among accelerations and rates, and among coordinates, velocities and states; group by group.
+    entries : ndarray of int32, shape (entries, 2)
+        The row among accelerations and rates, the column among coordinates, velocities and states; group by group.
     groups : ndarray of int64, shape (groups + 1,)
         Where the entries of each group begin, and where the last one's end.
     band : Band, optional
         Of a matrix of accelerations and rates, with the coordinates eliminated; None where it is as well kept whole.
     """
 
-    rows: Whole
-    columns: Whole
+    entries: Whole
     groups: Whole
     band: Band | None
 
@@ -91,14 +91,33 @@ def pattern_of(layout: Layout) -> Pattern:
             found.append((begin + elements, numbers))
             begin += math.prod(shapes.shape(dims))
     every_row, every_column = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    n = layout.coordinates.size
-    unknown = np.where(every_column < n, every_column, every_column - n)  # q is eliminated by v
-    band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving(layout.model)], every_row, unknown)
-    group = column_groups(every_row, 2 * band.order[unknown] + (every_column >= n))
-    order = np.argsort((group * used.size + every_column) * band.order.size + every_row, kind="stable")
-    sizes = np.bincount(group)
+    del dependence, found
+    band, group = _grouped(layout, every_row, every_column)
+    keys = group.astype(np.int64)
+    for part, count in ((every_column, used.size), (every_row, band.order.size)):
+        keys *= count
+        keys += part
+    groups = np.concatenate([[0], np.cumsum(np.bincount(group))])
+    del group
+    keys.sort()
+    np.remainder(keys, band.order.size, out=every_row, casting="unsafe")
+    keys //= band.order.size
+    np.remainder(keys, used.size, out=every_column, casting="unsafe")
+    del keys
     narrow = band if band.height < band.order.size else None
-    return Pattern(every_row[order], every_column[order], np.concatenate([[0], np.cumsum(sizes)]), narrow)
+    return Pattern(np.stack([every_row, every_column], axis=1), groups, narrow)
+
+
+def _grouped(layout: Layout, rows: Whole, columns: Whole) -> tuple[Band, Whole]:
+    """Return the band of entries with the coordinates eliminated, and the group of each entry."""
+    model, n = layout.model, layout.coordinates.size
+    unknown = np.where(columns < n, columns, columns - SHORT(n)) if n else columns  # q is eliminated by v
+    shapes = shapes_of(model)
+    band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving(model)], rows, unknown)
+    places = band.order[unknown]
+    places *= 2
+    places += columns >= n
+    return band, column_groups(rows, places)
 
 
 def moving(model: Model) -> list[str]:
@@ -111,16 +130,19 @@ def moving(model: Model) -> list[str]:
 
 def column_groups(rows: Whole, places: Whole) -> Whole:
     """Return for every entry the group of its column, which has a place; columns of a group share no row."""
-    present = np.flatnonzero(np.bincount(places))
-    ranks = np.searchsorted(present, places)
+    present = np.bincount(places) > 0
+    columns = int(np.count_nonzero(present))
+    ranks = (np.cumsum(present, dtype=SHORT) - SHORT(1))[places]
     fullest = int(np.bincount(rows).max(initial=1))
-    for count in range(fullest, min(fullest + TRIED, present.size)):
-        dealt = ranks % count
-        if np.bincount(rows * count + dealt).max() <= 1:
+    for count in range(fullest, min(fullest + TRIED, columns)):
+        dealt = ranks % SHORT(count)
+        taken = np.multiply(rows, count, dtype=np.int64)
+        taken += dealt
+        if np.bincount(taken).max() <= 1:
             return dealt
-    if fullest >= present.size:
+    if fullest >= columns:
         return ranks
-    group: Whole = np.array(_greedily(rows, ranks, present.size), np.int64)[ranks]
+    group: Whole = np.array(_greedily(rows, ranks, columns), SHORT)[ranks]
     return group
 
 
@@ -151,11 +173,11 @@ def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, 
     shapes : Shapes
     unknowns : sequence of tuple of str
         The dimensions of each quantity, whose elements follow one another.
-    rows, columns : ndarray of int64
+    rows, columns : ndarray of int
         The entries off the diagonal, among the unknowns, perhaps several times over.
     """
-    orders = list(_orders(shapes, unknowns))
-    best, count = min((_banded(order, rows, columns) for order in orders), key=_height), orders[0].size
+    best = min((_banded(order, rows, columns) for order in _orders(shapes, unknowns)), key=_height)
+    count = best.order.size
     if best.height > min(WIDE, count):
         best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_height)
     return best
@@ -169,7 +191,7 @@ def band_as_written(entries: Whole, coordinates: int, size: int) -> Band | None:
     if size < LEAST_BANDED:
         return None
     rows, columns = entries.T
-    band = _banded(np.arange(size), rows, np.where(columns < coordinates, columns, columns - coordinates))
+    band = _banded(np.arange(size, dtype=SHORT), rows, np.where(columns < coordinates, columns, columns - coordinates))
     return band if 2 * band.height <= size else None
 
 
@@ -178,7 +200,8 @@ def _height(band: Band) -> int:
 
 
 def _banded(order: Whole, rows: Whole, columns: Whole) -> Band:
-    far = order[rows] - order[columns]
+    far = order[rows]
+    far -= order[columns]
     return Band(order, int(far.max(initial=0)), int(-far.min(initial=0)))
 
 
@@ -187,7 +210,7 @@ def _orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[Who
 
     A dimension is run through from its beginning, or from both ends in turn, which keeps a ring together.
     """
-    yield np.arange(sum(math.prod(shapes.shape(dims)) for dims in unknowns))
+    yield np.arange(sum(math.prod(shapes.shape(dims)) for dims in unknowns), dtype=SHORT)
     for dim in shapes.extents:
         size = shapes.extent(dim).size
         along = np.concatenate([_along(dim, dims, shapes) for dims in unknowns])
@@ -199,8 +222,8 @@ def _along(dim: str, dims: tuple[str, ...], shapes: Shapes) -> Whole:
     """Return the number of each element along a dimension; elements without it come last."""
     shape = shapes.shape(dims)
     if dim not in dims:
-        return np.full(math.prod(shape), shapes.extent(dim).size)
-    along: Whole = np.indices(shape, np.int64)[dims.index(dim)].ravel()
+        return np.full(math.prod(shape), shapes.extent(dim).size, SHORT)
+    along: Whole = np.indices(shape, SHORT)[dims.index(dim)].ravel()
     return along
 
 
@@ -211,11 +234,11 @@ def _levelled(rows: Whole, columns: Whole, count: int) -> Whole:
 
     ends = np.concatenate([rows, columns]), np.concatenate([columns, rows])
     graph = csr_array((np.ones(2 * rows.size), ends), shape=(count, count))
-    return _ranks(reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64))
+    return _ranks(reverse_cuthill_mckee(graph, symmetric_mode=True))
 
 
 def _ranks(sequence: Whole) -> Whole:
     """Return the place of each number in a sequence."""
-    ranks = np.empty_like(sequence)
-    ranks[sequence] = np.arange(sequence.size)
+    ranks = np.empty(sequence.size, SHORT)
+    ranks[sequence] = np.arange(sequence.size, dtype=SHORT)
     return ranks

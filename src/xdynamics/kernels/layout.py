@@ -151,9 +151,8 @@ class Layout:
         found = self._sizes.get(scales)
         if found is None:
             blocks = self.used.blocks
-            sizes = [scales.of(self.model.dimensions[block.first]) for block in blocks]
-            found = np.repeat(sizes, [block.size for block in blocks]).astype(float)
-            found.flags.writeable = False
+            sizes = [float(scales.of(self.model.dimensions[block.first])) for block in blocks]
+            found = self.used.spread(sizes)
             self._sizes.clear()
             self._sizes[scales] = found
         return found

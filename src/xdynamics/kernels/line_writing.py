@@ -128,7 +128,7 @@ class LineWriter(Walker):
     def _grouped(self, system: NewtonSystem, line: Solve, coupling: Coupling) -> NewtonSystem:
         """Write the coefficients of all entries, and make room for derivatives, their direction and the time."""
         (evaluation,), (_, state, _) = line.evaluations, self._views[f"f{self.stage}"]
-        weights, entries = coupling.weights(), pattern_of(self.layout).rows.size
+        weights, entries = coupling.weights(), len(pattern_of(self.layout).entries)
         if not self._changes:
             self._derivatives = self._memory
             self._changes = (changes(self.layout, self._derivatives + entries),)

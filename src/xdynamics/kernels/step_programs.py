@@ -47,7 +47,7 @@ class _StepWriting:
         """Write the derivatives at a state: all else is made by `march.implicit.radau`, with the stages in `w`."""
         layout, first, exact = self.layout, stages * self.layout.used.size, self.scheme.jacobian == EXACT
         if is_compressed(layout):
-            direction = first + pattern_of(layout).rows.size
+            direction = first + len(pattern_of(layout).entries)
             return Steps((changes(layout, direction),) if exact else (), (), direction + layout.used.size)
         return Steps((linearised(layout, "w", first),) if exact else (), (), first + len(layout.couplings))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 
@@ -59,17 +58,16 @@ def _of_tolerances(march: March) -> Iterator[str]:
     march.atol_effect = effect.words
     if tolerances is None or not effect.loose.any():
         return
-    loose, scales = [], march.settings.scales
-    for name, largest in itertools.compress(
-        zip(march.layout.used, march.run.largest.tolist(), strict=True), effect.loose.tolist()
-    ):
+    places, loose, scales = np.flatnonzero(effect.loose).tolist(), [], march.settings.scales
+    for place in places[:MOST_NAMED]:
+        name, largest = march.layout.used[place], float(march.run.largest[place])
         atol, unit, factor = tolerances.of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
         unit = "" if unit == "1" else f" {unit}"
         size = largest * scales.of(model.dimensions[name])
         loose.append(f"{name} (largest value {size / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
-    remainder = f" and {len(loose) - MOST_NAMED} more" if len(loose) > MOST_NAMED else ""
+    remainder = f" and {len(places) - MOST_NAMED} more" if len(places) > MOST_NAMED else ""
     yield (
-        f"the tolerances did not control {', '.join(loose[:MOST_NAMED])}{remainder}: errors of atol in each of"
+        f"the tolerances did not control {', '.join(loose)}{remainder}: errors of atol in each of"
         f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
         " it follows the sizes then"
     )

@@ -185,12 +185,14 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         return Tolerances(relative, {}, units, number(atol, "atol"))
     # an element's own tolerance counts before that of its block, whichever is written first
     blocks = model.shapes.dims
-    ordered = sorted(((written(name), value) for name, value in atol.items()), key=lambda entry: entry[0] not in blocks)
-    atol = {element: value for name, value in ordered for element in model.shapes.elements(name)}
-    for name in atol:
-        if name not in ("", *units):
+    atol = dict(
+        sorted(((written(name), value) for name, value in atol.items()), key=lambda entry: entry[0] not in blocks)
+    )
+    firsts = {name: model.shapes.first(name) if name in blocks else name for name in atol if name}
+    for name, first in firsts.items():
+        if first not in units:
             raise InputError(f"atol names {name!r}; there are {_named(model)}")
-    named = {name: _absolute(units[name], name, value) for name, value in atol.items() if name}
+    named = {name: _absolute(units[first], name, atol[name]) for name, first in firsts.items()}
     return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
 
 

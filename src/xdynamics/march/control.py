@@ -122,9 +122,9 @@ def first_step(run: Run) -> float:
 
     The rule of Hairer, Norsett, Wanner I, section II.4, takes the unit of time for the time scale of the problem; here
     it is a time scale of the problem itself, so that steps are the same in all units. The Euler probe is logged as a force
-    sample after the initial one.
+    sample after the initial one, and stands where the first trial will.
     """
-    plan, t, y, probe = run.plan[0], run.now[0].t, run.y, run.half
+    plan, t, y, probe = run.plan[0], run.now[0].t, run.y, run.z
     node = run.nodes[run.now[0].node] if run.now[0].node < run.nodes.shape[0] else plan.end
     span = node - t
     size, slope, change = 0.0, 0.0, 0.0

@@ -14,6 +14,7 @@ from xdynamics.kernels.jets.series import has_pairs
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
+from xdynamics.march.log import unwritten
 from xdynamics.march.run import EQUATIONS, Run
 from xdynamics.march.settings import Settings
 from xdynamics.methods import Method
@@ -41,8 +42,9 @@ MOST_FACTORISED = 5  # velocities and states up to which lanes pay where equatio
 _NOTHING: Arrays = {
     "equations": np.zeros(0, EQUATIONS),
     "unknowns": np.zeros((0, 3), np.int64),
-    "entries": np.zeros((0, 4), np.int64),
-    **{name: np.zeros(0, np.int64) for name in ("pivots", "groups", "order", "band")},
+    "entries": np.zeros((0, 4), np.int32),
+    "order": np.zeros(0, np.int32),
+    **{name: np.zeros(0, np.int64) for name in ("pivots", "groups", "band")},
 } | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))
 
 
@@ -77,12 +79,12 @@ def _newton_arrays(law: Law) -> Arrays:
     largest = int(max(rows["unknowns"]))
     arrays: Arrays = {"equations": rows, "unknowns": np.concatenate(unknowns), "right": np.zeros(largest)}
     if (rows["state"] < 0).all():
-        whole = {"entries": np.array(entries, np.int64).reshape(-1, 4), "matrix": np.zeros(largest * largest)}
+        whole: Arrays = {"entries": np.array(entries, np.int32).reshape(-1, 4), "matrix": np.zeros(largest * largest)}
         return _NOTHING | arrays | whole
     system, height = _system(law.layout, largest)
     lengths = dict.fromkeys(("stage", "shifted"), law.layout.record.size) | {"matrix": largest * height}
-    scratch: Arrays = {name: np.zeros(length) for name, length in lengths.items()}
-    return _NOTHING | arrays | system | scratch | {"pivots": np.zeros(3 * largest, np.int64)}
+    scratch: Arrays = {name: unwritten(length) for name, length in lengths.items()}
+    return _NOTHING | arrays | system | scratch | {"pivots": unwritten(3 * largest, np.int64)}
 
 
 def _simplified_arrays(law: Law) -> Arrays:
@@ -94,22 +96,22 @@ def _simplified_arrays(law: Law) -> Arrays:
         "matrix": 3 * size * height,
         "right": 2 * size,
     }
-    arrays: Arrays = {name: np.zeros(length) for name, length in lengths.items()}
-    return _NOTHING | arrays | system | {"pivots": np.zeros(6 * size, np.int64)}
+    arrays: Arrays = {name: unwritten(length) for name, length in lengths.items()}
+    return _NOTHING | arrays | system | {"pivots": unwritten(6 * size, np.int64)}
 
 
 def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
     """Return the entries of a matrix and the order of its unknowns, and how many numbers a column has."""
     if not is_compressed(layout):
-        entries = np.array(layout.couplings, np.int64).reshape(-1, 2)
-        known: Arrays = {"entries": entries, "order": np.arange(size)}
+        entries = np.array(layout.couplings, np.int32).reshape(-1, 2)
+        known: Arrays = {"entries": entries, "order": np.arange(size, dtype=np.int32)}
         band = band_as_written(entries, layout.coordinates.size, size)
         return (known, size) if band is None else (known | {"band": np.array([band.lower, band.upper])}, band.height)
     pattern = pattern_of(layout)
     band = pattern.band
-    system: Arrays = {"entries": np.stack([pattern.rows, pattern.columns], axis=1), "groups": pattern.groups}
+    system: Arrays = {"entries": pattern.entries, "groups": pattern.groups}
     if band is None:
-        return system | {"order": np.arange(size)}, size
+        return system | {"order": np.arange(size, dtype=np.int32)}, size
     return system | {"order": band.order, "band": np.array([band.lower, band.upper])}, band.height
 
 

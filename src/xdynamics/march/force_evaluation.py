@@ -59,12 +59,18 @@ def slope_of(run: Run, state: State, i: int) -> float:
     return state[n + i] if i < n else state[used + i - n]
 
 
+@compiled
+def leaves_samples(run: Run) -> bool:
+    """Whether force samples are counted and not kept, since no column of the record shows them."""
+    return run.base[0].room == 0
+
+
 @shared
 def keep_sample(run: Run, t: float, state: State, first: int) -> None:
     """Store a force evaluation of the trial, from place `first` of its samples on."""
     used, samples, evaluated = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
     forces = used + run.plan[0].evaluated - evaluated  # the last of them
-    if run.plan[0].samples == 0:
+    if run.plan[0].samples == 0 or leaves_samples(run):
         return
     samples[first] = t
     for i in range(used):

@@ -15,6 +15,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import DEVIATION, NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.calls import entered_by, noted
 from xdynamics.march.exact_times import set_time
+from xdynamics.march.force_evaluation import leaves_samples
 from xdynamics.march.past import has_room_for_past
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
 from xdynamics.model.assemblies import slots_of, together
@@ -146,12 +147,6 @@ def has_room_for_samples(run: Run) -> bool:
     """Whether force samples fit, of a step and of a node in it."""
     now, base = run.now[0], run.base[0]
     return now.samples - base.samples + run.plan[0].samples + 2 <= base.room or leaves_samples(run)
-
-
-@compiled
-def leaves_samples(run: Run) -> bool:
-    """Whether force samples are counted and not kept, since no column of the record shows them."""
-    return run.base[0].room == 0
 
 
 @compiled

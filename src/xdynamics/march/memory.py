@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 LARGE = 1 << 20  # bytes of an array that is worth it
 OF_TRIALS = ("z", "e", "samples", "half", "whole", "located_z", "located_e", "located_samples", "full", "full_e")
+OF_SOLVERS = ("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past")
 _OF_DELAYS = ("past_steps", "breaks", "book")
 _OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
@@ -80,8 +81,8 @@ def rest_on(run: Run, numbers: Floats) -> None:
 
 
 def give_back(run: Run) -> None:
-    """Give back the memory of trials of a march that has ended: pages that are not written stand in their place."""
-    for name in OF_TRIALS:
+    """Give back the memory of steps of a march that has ended: pages that are not written stand in their place."""
+    for name in (*OF_TRIALS, *OF_SOLVERS):
         if (array := getattr(run, name)).nbytes >= LARGE:
             run.put(**{name: unwritten(array.size)})
 

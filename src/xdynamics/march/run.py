@@ -137,6 +137,8 @@ Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
 LogRows = Annotated[NDArray[np.float64], ArrayKind("LogRows", "f8", 2, either_order=True)]
 Whole = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
 Short = Annotated[NDArray[np.int16], ArrayKind("Short", "i2")]
+Places = Annotated[NDArray[np.int32], ArrayKind("Places", "i4")]
+Pairs = Annotated[NDArray[np.int32], ArrayKind("Pairs", "i4", 2)]
 Lists = Annotated[NDArray[np.int64], ArrayKind("Lists", "i8", 2)]
 Flags = Annotated[NDArray[np.int8], ArrayKind("Flags", "i1", 2)]
 Plans = Annotated[NDArray[Any], ArrayKind("Plans", PLAN)]
@@ -237,9 +239,8 @@ class Run:
     pulled: Passing[Floats]  # the impulse that did so
     balance: Passing[Floats]  # their effect as the guards see it; see `march.contacts.balance`
     lingering: Floats  # gap up to which an open contact counts as closed
-    modes: Annotated[
-        Floats, Within("p")
-    ]  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
+    # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
+    modes: Annotated[Floats, Within("p")]
     contact_tables: Passing[Floats]  # contacts and friction at a state, as `model.reactions.table` lists it; its parts:
     links: Annotated[Links, Within("contact_tables")]
     delassus: Annotated[Columns, Within("contact_tables")]  # (k, j): effect of a unit of j on the rate of k
@@ -287,9 +288,8 @@ class Run:
     of_time: Given[Whole]  # drives of time
     delays: Given[Delays]
     book: Books  # of the past, where there are delays
-    past_steps: Annotated[
-        Floats, Within("tables")
-    ]  # the end of `tables`: the polynomials of accepted steps, see `march.past`
+    # the end of `tables`: the polynomials of accepted steps, see `march.past`
+    past_steps: Annotated[Floats, Within("tables")]
     breaks: Columns  # breaking points to come, ascending: the time, and the derivative that jumps there
     first_breaks: Given[Floats]  # those that follow from tables before the start
     jumps: Given[Whole]  # which derivative of the motion jumps at each node: at ticks the motion itself; -1 for none
@@ -311,9 +311,9 @@ class Run:
     right: Passing[Floats]
     equations: Given[Solves]
     unknowns: Given[Lists]
-    entries: Given[Lists]
+    entries: Given[Pairs]  # of 32 bits, as the order: a large model has millions
     groups: Given[Whole]  # where entries of columns begin whose derivatives are found at once; none: each by itself
-    order: Given[Whole]  # the place of each unknown of the matrix, which is a band in that order
+    order: Given[Places]  # the place of each unknown of the matrix, which is a band in that order
     band: Given[Whole]  # entries below and above its diagonal; none: the matrix is kept whole
     kept: Passing[Kepts]
     stage: Passing[Floats]  # a state at which forces are evaluated

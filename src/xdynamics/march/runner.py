@@ -99,7 +99,7 @@ class March:
     @cached_property
     def run(self) -> Run:
         """The state of the march; its log is lent to it block by block."""
-        return posed(self.model, self.settings, self.law, allocate(self.layout, 1, sampled=0), self._addresses())
+        return posed(self.model, self.settings, self.law, self._log(0), self._addresses())
 
     @cached_property
     def passages(self) -> Passages:
@@ -172,7 +172,7 @@ class March:
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
         if kept:
-            allocate(self.layout, 1, sampled=0).lend(self.run)  # nothing of the others is touched any more
+            self._log(0).lend(self.run)  # nothing of the others is touched any more
 
     @contextmanager
     def _memory(self) -> Iterator[None]:
@@ -186,8 +186,8 @@ class March:
             ) from fault
 
     def _log(self, rows: int) -> Log:
-        """Return an empty log."""
-        sampled, settings = int(self.run.plan[0].samples), self.settings
+        """Return an empty log; of no row, one that nothing is written to."""
+        settings, sampled = self.settings, int(self.run.plan[0].samples) if rows else 0
         form = {"apart": settings.apart, "samples_kept": settings.keeps_samples, "by_rows": is_wide(self.layout)}
         return allocate(self.layout, rows, sampled=sampled, **form)
 

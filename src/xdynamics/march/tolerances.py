@@ -19,7 +19,8 @@ from xdynamics.methods.scheme import (
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.blocks import Blocks
+from xdynamics.shapes.blocks import Block, Blocks
+from xdynamics.shapes.naming import parted
 from xdynamics.units import Unit
 
 LEAST_RTOL = 10 * EPS  # of numbers of one float
@@ -41,7 +42,7 @@ class Tolerances:
     ----------
     rtol : float
     atol : dict of str to float
-        SI units, by name.
+        SI units, by name: of a whole block, or of an element, whose own counts before.
     units : dict of str to Unit
         Of every coordinate, velocity and state: its declared unit, or that of the march's scales.
     bare : float, optional
@@ -58,8 +59,9 @@ class Tolerances:
 
     def of(self, name: str) -> float | None:
         """Return the absolute tolerance given for a coordinate, velocity or state, SI; None if it follows the size."""
-        if name in self.atol:
-            return self.atol[name]
+        for own in (name, parted(name)[0]):
+            if own in self.atol:
+                return self.atol[own]
         return None if self.bare is None else self.units[name].to_si(self.bare)
 
     def of_all(self, blocks: Blocks) -> NDArray[np.float64]:
@@ -67,16 +69,28 @@ class Tolerances:
         for known, atols in self._last:
             if known is blocks:
                 return atols
-        found = np.full(blocks.size, np.nan)
-        for block in blocks.blocks if self.bare is not None else ():
-            place = blocks.place(block.name)
-            found[place : place + block.size] = self.units[block.first].to_si(self.bare or 0.0)
-        for name, atol in self.atol.items():
-            if (own := blocks.find(name)) is not None:
-                found[own] = atol
-        found.flags.writeable = False
+        found = blocks.spread([self._of_block(block) for block in blocks.blocks])
+        wholes = {block.name for block in blocks.blocks}
+        apart = {name: atol for name, atol in self.atol.items() if name not in wholes}
+        own = {place: atol for name, atol in apart.items() if (place := blocks.find(name)) is not None}
+        if own:
+            found = found.copy()
+            found[[*own]] = [*own.values()]
+            found.flags.writeable = False
         self._last[:] = [(blocks, found)]
         return found
+
+    def _of_block(self, block: Block) -> float:
+        """Return the absolute tolerance of a block without those of its elements; nan where it follows the size."""
+        if block.name in self.atol:
+            return self.atol[block.name]
+        return np.nan if self.bare is None else self.units[block.first].to_si(self.bare)
+
+    def of_blocks(self, blocks: Blocks) -> dict[str, float]:
+        """Return the absolute tolerances by block, SI, then those of elements with their own."""
+        named = {block.name: block for block in blocks.blocks}
+        found = {name: atol for name, block in named.items() if (atol := self._of_block(block)) == atol}
+        return found | {name: atol for name, atol in self.atol.items() if name not in named}
 
     @cached_property
     def _last(self) -> list[tuple[Blocks, NDArray[np.float64]]]:  # what was returned last, which a run asks for often
@@ -102,7 +116,7 @@ class Tolerances:
         faults += [
             f"atol names '{name}', which is none of {few(block.name for block in used.blocks)}"
             for name in self.atol
-            if name not in used
+            if used.find(name) is None
         ]
         if bad:
             return faults

@@ -30,6 +30,7 @@ class Witnesses:
         self.used, self.estimated = used, estimated
         self.elsewhere = False  # whether the record has their states, which are then not copied
         self._record: list[Floats] = []  # the columns of it that have them
+        self._record_errors: list[Floats] = []
         self._most = max(FEWEST, min(MOST, NUMBERS // used))
         self._count = 0
         # each row in one piece; what is not filled takes no memory
@@ -79,9 +80,9 @@ class Witnesses:
             yield part, state[first : first + part.size]
             first += part.size
 
-    def read_in(self, columns: list[Floats]) -> None:
+    def read_in(self, columns: list[Floats], errors: list[Floats]) -> None:
         """Read states, which were left to the record, in its columns of coordinates, velocities and states."""
-        self._record = columns
+        self._record, self._record_errors = columns, errors
 
     def _state(self, k: int, state: Floats) -> None:
         """Copy the state of one of them."""
@@ -93,6 +94,9 @@ class Witnesses:
     @property
     def errors(self) -> Floats:
         """Errors of the steps that led to them."""
+        if self._record_errors:
+            kept = self._rows[: self._count, 0].astype(int)
+            return np.concatenate([column[kept].reshape(kept.size, -1) for column in self._record_errors], axis=1).T
         return self._errors[: self._count].T
 
     def stride(self, rows: int) -> int:
@@ -109,7 +113,7 @@ class Witnesses:
         first, stride = rows - block.rows, self.stride(rows)
         retained = np.flatnonzero(self._rows[: self._count, 0] % stride == 0)
         if len(retained) < self._count:
-            for kept in (self._rows[:, : 3 if self.elsewhere else None], self._errors):
+            for kept in (self._rows[:, :3],) if self.elsewhere else (self._rows, self._errors):
                 for place, row in enumerate(retained.tolist()):  # one by one: together they would be copied
                     kept[place] = kept[row]
         begin = -first % stride
@@ -118,5 +122,6 @@ class Witnesses:
         self._rows[new, 0] = range(first + begin, rows, stride)
         known = 2 if self.elsewhere else 2 + self.used
         self._rows[new, 1 : 1 + known] = taken[:known].T
-        self._errors[new] = taken[self.estimated.start : self.estimated.stop].T
+        if not self.elsewhere:
+            self._errors[new] = taken[self.estimated.start : self.estimated.stop].T
         self._count = new.stop

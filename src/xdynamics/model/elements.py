@@ -81,7 +81,6 @@ class Elements(ElementNumbers):
                 plane=tuple(pair for pair in old.pictured.plane for pair in self._pairs(*pair)),
                 wrap=tuple(element for name in old.pictured.wrap for element in self._names(name)),
             ),
-            run=self._run(),
             lagrangian=self._lagrangian(),
             extents={},
             relations={},
@@ -237,15 +236,6 @@ class Elements(ElementNumbers):
             return None
         potential = None if energies.potential is None else self._summed(energies.potential)
         return Lagrangian(self._summed(energies.kinetic), potential)
-
-    def _run(self) -> dict[str, Any]:
-        """Return the settings; tolerances of a whole are those of its elements."""
-        run = dict(self.statement.run)
-        if isinstance(run.get("atol"), Mapping):
-            run["atol"] = {
-                element: value for name, value in run["atol"].items() for element in self._names(written(str(name)))
-            }
-        return run
 
 
 def _by_element(make: Callable[[str, Part], Iterator[tuple[str, Part]]], parts: Mapping[str, Part]) -> dict[str, Part]:

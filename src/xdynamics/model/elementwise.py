@@ -120,6 +120,11 @@ def numbers_of(parameters: Mapping[str, Any], name: str) -> ParameterNumbers | N
     return made if isinstance(made, ParameterNumbers) and made.shape else None
 
 
+def names_of(values: Mapping[str, Any]) -> Blocks:
+    """Return the names of quantities or of elements as blocks, of which none is made."""
+    return values.names if isinstance(values, Elementwise) else Blocks.of("", values)
+
+
 def in_si(values: Mapping[str, Any], blocks: Blocks) -> NDArray[np.float64]:
     """Return quantities or parameters in SI units, in the order of some blocks."""
     numbers = np.empty(blocks.size)

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 from xdynamics.expressions import Node, free_names
 from xdynamics.faults import few
 from xdynamics.model.controllers import held
+from xdynamics.model.elementwise import names_of
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.whole import acting, has_wholes, written_out
 from xdynamics.schema import velocity
+from xdynamics.shapes.blocks import Blocks
 
 if TYPE_CHECKING:
     from xdynamics.model.model import Model
@@ -44,26 +46,25 @@ def traits_of(model: Model) -> dict[Trait, str]:
         Trait.CONSTRAINTS: [*model.shaped.constraints],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
-    asked, rates = _right_hand_side(model), bool(model.states)
-    # names of elements are many, and made where something reads them
-    coordinates = set(model.coordinates) if asked or rates else set[str]()
-    kept = held(model.controllers, model.time_unit)  # constant between ticks, as parameters are
-    velocities = {velocity(name) for name in (*coordinates, *model.shaped.coordinates)}
-    states = {*model.states, *model.shaped.states} - kept.keys()
-    for label, names_read in asked:
-        if fault := names_read & velocities:
+    coordinates, kept = names_of(model.coordinates), held(model.controllers, model.time_unit)
+    velocities = coordinates.renamed("", velocity)
+    states = Blocks(
+        block for block in names_of(model.states).blocks if block.name not in kept
+    )  # constant between ticks
+    for label, names_read in _right_hand_side(model):
+        if fault := _among(names_read, velocities):
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
-        if fault := names_read & states:
+        if fault := _among(names_read, states):
             traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
     if model.mass_is_full:
         for (i, j), entry in model.statement.mass_entries.items():
             if fault := model.reads(entry) & set(model.coordinates):
                 traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
-    moved = velocities | coordinates | states
-    for name in model.states:
-        if Trait.COUPLED_STATES in traits:  # the first is told; a field has a rate for each of its elements
+    moved, shaped = velocities + coordinates + states, bool(model.shapes.dims)
+    for name, state in (model.shaped if shaped else model).states.items():
+        if Trait.COUPLED_STATES in traits:  # the first is told
             break
-        if fault := model.reads(model.states[name].rate) & moved:
+        if fault := _among(_read(model, state.rate) if shaped else model.reads(state.rate), moved):
             traits[Trait.COUPLED_STATES] = f"the rate of '{name}' depends on {_listed(fault)}"
     return traits
 
@@ -101,6 +102,11 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.most)]
     ]
     return forces + masses + pressed
+
+
+def _among(names: set[str], blocks: Blocks) -> set[str]:
+    """Return which names are those of blocks or of their elements, of which none is made."""
+    return {name for name in names if blocks.find(name) is not None}
 
 
 def _read(model: Model, whole: Node) -> set[str]:

@@ -146,11 +146,14 @@ def _tolerances(run: xr.Dataset) -> dict[str, Any]:
         # version 0.1 judged by the given rtol: give the one that is rescaled to it
         order = int(run.attrs["solver_order"])
         rescaling = rtol ** (order / (order + 1)) / rtol
+    given = {name: variable for name, variable in run.variables.items() if "atol_si" in variable.attrs}
+    if any(np.ndim(own.attrs["atol_si"]) or schema.ATOL_FOLLOWING in own.attrs for own in given.values()):
+        given = dict(unfold(run).variables)  # not one number for all elements
     atol = {
         str(name): Quantity(
             rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
         )
-        for name, variable in unfold(run).variables.items()
+        for name, variable in given.items()
         if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
     }
     for name, (size, units) in left_out_atols(run.attrs).items():

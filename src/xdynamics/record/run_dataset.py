@@ -21,6 +21,7 @@ from xdynamics.record.folding import check_elements
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
 from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
+from xdynamics.shapes.blocks import Block
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +52,8 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
     filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
     if march.witnesses.elsewhere:
         held = {variable.name: values for variable, values in filled}
-        march.witnesses.read_in([held[block.name] for block in march.layout.used.blocks])
+        columns_of = [[held[block.name] for block in blocks] for blocks in _judged_by(march)]
+        march.witnesses.read_in(*columns_of)
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     return _assembled(filled, provenance.attributes(march))
 
@@ -61,8 +63,13 @@ def _has_states(march: March, spec: Sequence[Column]) -> bool:
     if not march.settings.keeps_states or march.layout.used.size < WIDE or march.layout.is_doubled:
         return False
     takes = {column.variable.name: column.take for column in spec}
-    used = [takes.get(block.name) for block in march.layout.used.blocks]
+    used = [takes.get(block.name) for block in chain(*_judged_by(march))]
     return all(isinstance(take, LineOf) and take.factor == 1.0 for take in used)
+
+
+def _judged_by(march: March) -> tuple[Sequence[Block], Sequence[Block]]:
+    """Return the states, and the estimated errors, by which a march is judged when it is over."""
+    return march.layout.used.blocks, march.layout.errors.blocks[1:] if march.estimated else ()
 
 
 def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:

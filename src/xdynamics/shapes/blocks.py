@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.extents import Extent, Shapes, element_name, element_names, number_of_element, place_of_element
 from xdynamics.shapes.naming import DOT, parted
@@ -161,6 +164,15 @@ class Blocks(Sequence[str]):
     def block(self, name: str) -> Block:
         """Return the block that has a number of some name."""
         return self._by_name[parted(name)[0] if name not in self._by_name else name]
+
+    def spread(self, numbers: Sequence[float]) -> NDArray[np.float64]:
+        """Return a number for each block at all of its places, to be read alone; equal ones take no memory."""
+        every = np.array(numbers, float)
+        if every.size and np.array_equal(every, np.full_like(every, every[0]), equal_nan=True):
+            return np.broadcast_to(every[0], self.size)
+        found = np.repeat(every, [block.size for block in self.blocks])
+        found.flags.writeable = False
+        return found
 
     def taken(self, numbers: Mapping[str, Any], name: str) -> Any:
         """Return numbers of a block or of one of its elements, from those of blocks, whose dimensions are last."""

@@ -6,7 +6,8 @@ Pairs of an element and a number are arrays throughout: no tree, name or Python 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,11 @@ from xdynamics.shapes.extents import Shapes
 from xdynamics.shapes.numbers_of_elements import counted, is_of_numbers, taken_numbers
 from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_of
 
-Whole = NDArray[np.int64]
-Grid = Mapping[str, Whole]  # the number along each dimension, of every element of an expression
+Whole = NDArray[np.int64]  # codes; arrays of elements are short, since large models have millions
+Short = NDArray[np.int32]
+Grid = Mapping[str, Any]  # the number along each dimension, of every element of an expression
 _NONE = np.zeros(0, np.int64)
+_MOST_SHORT = np.iinfo(np.int32).max
 
 
 class Dependence:
@@ -52,7 +55,7 @@ class Dependence:
             elements = np.arange(math.prod(shapes.shape(shapes.dims.get(name, ()))))
             self._named[name] = elements * (self._count + 1) + begin
 
-    def pairs(self, tree: Node, dims: tuple[str, ...], name: str = "") -> tuple[Whole, Whole]:
+    def pairs(self, tree: Node, dims: tuple[str, ...], name: str = "") -> tuple[Short, Short]:
         """Return the elements of an expression, each with a number that it may depend on; both ascend.
 
         Parameters
@@ -69,7 +72,10 @@ class Dependence:
         codes = self._read(self._of(number), own, self._grid(dims))
         if name:
             self._named[name] = codes
-        return codes // self._count, codes % self._count
+        found = np.empty((2, codes.size), np.int32)
+        np.floor_divide(codes, self._count, out=found[0], casting="unsafe")  # no array of int64 between
+        np.remainder(codes, self._count, out=found[1], casting="unsafe")
+        return found[0], found[1]
 
     def _of(self, number: int) -> Whole:
         """Return the codes of a part; parts that it is made of have theirs already."""
@@ -122,7 +128,7 @@ class Dependence:
     # ---------------------------------------------------------------------------------------------- along dimensions
 
     def _along(self, number: int, node: Along) -> Whole:
-        operands, grid = self._parts.operands[number], dict(self._grid(self._dims(number)))
+        operands, grid = self._parts.operands[number], self._grid(self._dims(number))
         match node.function:
             case "index" | "size":
                 return _NONE
@@ -130,15 +136,15 @@ class Dependence:
                 relation = self._shapes.relations[node.dims[0]]
                 first = node.function == "first"
                 numbers, dim = (relation.first, relation.source) if first else (relation.second, relation.target)
-                return self._operand(operands[0], grid | {dim: numbers[grid[relation.name]]})
+                return self._operand(operands[0], {**grid, dim: numbers[grid[relation.name]]})
             case "shift" | "roll":
                 return self._moved(operands, node, grid)
             case "take":
                 numbers = np.broadcast_to(taken_numbers(node, grid, self._shapes), next(iter(grid.values())).shape)
-                return self._operand(operands[0], grid | {node.dims[0]: numbers})
+                return self._operand(operands[0], {**grid, node.dims[0]: numbers})
             case "cross":
                 dim = node.dims[0]
-                turned = [grid | {dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]
+                turned = [{**grid, dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]
                 return _union([self._operand(operand, next_two) for operand in operands for next_two in turned])
             case "onto":
                 return self._onto(number, node)
@@ -174,37 +180,70 @@ class Dependence:
     def _dims(self, number: int) -> tuple[str, ...]:
         return self._shapes.ordered(set(self._parts.dims[number]))
 
-    def _grid(self, dims: tuple[str, ...]) -> dict[str, Whole]:
+    def _grid(self, dims: tuple[str, ...]) -> Grid:
         """Return the number along each dimension of every element, the last dimension fastest."""
-        shape = self._shapes.shape(dims)
-        return {dim: index.ravel() for dim, index in zip(dims, np.indices(shape, np.int64), strict=True)}
+        return _Every(dims, self._shapes.shape(dims))
 
-    def _flat(self, dims: tuple[str, ...], grid: Grid) -> Whole:
+    def _flat(self, dims: tuple[str, ...], grid: Grid) -> NDArray[Any]:
         """Return which element of an expression with some dimensions stands at each place of a grid."""
-        size = next(iter(grid.values())).size if grid else 1
-        found = np.zeros(size, np.int64)
-        for dim in dims:
-            found = found * self._shapes.extent(dim).size + grid[dim]
-        return found
+        if not dims:
+            return np.zeros(next(iter(grid.values())).size if grid else 1, np.int32)
+        found, *others = (grid[dim] for dim in dims)
+        if others and math.prod(self._shapes.shape(dims)) > _MOST_SHORT:
+            found = found.astype(np.int64)
+        for dim, numbers in zip(dims[1:], others, strict=True):
+            found = found * self._shapes.extent(dim).size + numbers
+        return np.asarray(found)
 
     def _operand(self, number: int, grid: Grid) -> Whole:
         """Return the codes of a part as it is read at every place of a grid."""
         return self._read(self._found[number], self._dims(number), grid)
 
     def _read(self, codes: Whole, dims: tuple[str, ...], grid: Grid) -> Whole:
-        if not codes.size:
+        if not codes.size or (isinstance(grid, _Every) and grid.dims == dims):
             return codes
         wanted = self._flat(dims, grid)
         every = np.bincount(codes // self._count, minlength=math.prod(self._shapes.shape(dims)))
-        lengths, begins = every[wanted], (np.cumsum(every) - every)[wanted]
-        before = np.cumsum(lengths) - lengths
-        places = np.repeat(begins - before, lengths) + np.arange(lengths.sum())
-        found: Whole = np.repeat(np.arange(wanted.size), lengths) * self._count + codes[places] % self._count
+        if every.min() == every.max() == 1:  # as elements of a quantity do by themselves
+            found: Whole = codes[wanted] % self._count
+            found += np.arange(wanted.size) * self._count
+            return found
+        lengths = every[wanted]
+        places = np.repeat((np.cumsum(every) - every)[wanted] - (np.cumsum(lengths) - lengths), lengths)
+        places += np.arange(places.size)
+        found = codes[places]
+        del places
+        found %= self._count
+        found += np.repeat(np.arange(wanted.size) * self._count, lengths)
         return found
 
     def _moved_to(self, codes: Whole, elements: Whole) -> Whole:
         """Return codes whose elements have other numbers, several of them perhaps the same."""
-        return _ascending(elements[codes // self._count] * self._count + codes % self._count)
+        found = elements[codes // self._count].astype(np.int64)
+        found *= self._count
+        found += codes % self._count
+        return _ascending(found)
+
+
+class _Every(Mapping[str, Any]):
+    """Every element of an expression with some dimensions; where each stands along them is made when it is asked for."""
+
+    def __init__(self, dims: tuple[str, ...], shape: tuple[int, ...]) -> None:
+        self.dims, self.shape = dims, shape
+
+    def __getitem__(self, dim: str) -> Short:
+        if dim not in self.dims:
+            raise KeyError(dim)
+        place = self.dims.index(dim)
+        along = np.arange(self.shape[place], dtype=np.int32)
+        wide = along.reshape([-1 if i == place else 1 for i in range(len(self.shape))])
+        return np.broadcast_to(wide, self.shape).reshape(-1)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.dims)
+
+    def __len__(self) -> int:
+        return len(self.dims)
 
 
 def _union(codes: list[Whole]) -> Whole:
@@ -216,7 +255,7 @@ def _union(codes: list[Whole]) -> Whole:
 
 
 def _ascending(codes: Whole) -> Whole:
-    """Sort codes, which mostly ascend in stretches, and leave out what is there twice."""
-    found = np.sort(codes, kind="stable")
-    distinct: Whole = found[np.concatenate([[True], found[1:] != found[:-1]])]
-    return distinct
+    """Sort codes in their place, which mostly ascend in stretches, and leave out what is there twice."""
+    codes.sort(kind="stable")
+    new = np.concatenate([[True], codes[1:] != codes[:-1]])
+    return codes if new.all() else codes[new]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from xdynamics.evidence.refining.judgements import HIGHEST
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.faults import InputError
+from xdynamics.kernels import layout_of
 from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import PRECISIONS, REINTEGRATE, RULES
 from xdynamics.model import Model
-from xdynamics.model.motion import variables
 from xdynamics.model.switches import smooth_switches
 from xdynamics.model.toml import tables_of
 from xdynamics.units import Quantity, Unit, time_in
@@ -221,12 +221,10 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
     tolerances = settings_for(model, **asked).tolerances
     if tolerances is None:
         return {}
-    current = {name: tolerances.of(name) for name in variables(model)}
-    scaled = {
-        name: Quantity(ratio * tolerance, Unit("", model.dimensions[name]))
-        for name, tolerance in current.items()
-        if tolerance is not None
-    }
+    dims, scaled = model.shapes.dims, dict[str, Quantity]()
+    for name, tolerance in tolerances.of_blocks(layout_of(model).used).items():
+        first = model.shapes.first(name) if name in dims else name
+        scaled[name] = Quantity(ratio * tolerance, Unit("", model.dimensions[first]))
     return {"atol": scaled} if scaled else {}
 
 
