@@ -11,6 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, judge
+from xdynamics.evidence.refining.refinement import lines_of
 from xdynamics.faults import DOT
 from xdynamics.kernels import law_of
 from xdynamics.march.configuration import settings_for
@@ -96,6 +97,14 @@ def test_elements_in_their_quantity_are_not_asked_for_twice(chain: xd.Model) -> 
     assert study.u.notnull().all()
     kept = xd.sweep(chain, {"step": STEPS[:2]}, keep=["end_u[b]", "end_u"]).compute()
     assert kept.end_u.notnull().all()
+
+
+def test_states_after_events_are_named_before_their_element(chain: xd.Model) -> None:
+    """Assert that lines of a refinement name a state after the event of an element as its variable, then the element."""
+    study = xd.refine(chain, steps=STEPS[:3], observables=["u", "v_u"])
+    named = [line.partition(" [")[0] for line in lines_of(study) if line.startswith("after_")]
+    assert named == [f"after_passed_{name}[{site}]" for name in ("u", "v_u") for site in "ac"]
+    assert "after_passed_v_u" in study
 
 
 def test_changes_of_one_element_are_awaited(chain: xd.Model) -> None:

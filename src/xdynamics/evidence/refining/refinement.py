@@ -27,8 +27,8 @@ from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.size import memory_asked
 from xdynamics.record.unfolding import unfold
-from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
-from xdynamics.shapes.naming import parted, spoken, written
+from xdynamics.schema import AT, AT_TIME, ELEMENT_NAME, LEVEL, OCCURRENCE
+from xdynamics.shapes.naming import DOT, parted, spoken, written
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import digits, with_uncertainty
 
@@ -245,6 +245,7 @@ def _stopped(changing: list[str], count: int, limit: str) -> str:
 
 def lines_of(study: xr.Dataset) -> list[str]:
     """Describe a refinement, line by line."""
+    whole = study
     study = unfold(study) if model_dimensions(study) else study
     varied = str(study.attrs["varied"])
     levels = ", ".join(f"{item:.6g}" if study[varied].dtype.kind == "f" else str(item) for item in study[varied].values)
@@ -254,22 +255,34 @@ def lines_of(study: xr.Dataset) -> list[str]:
     lines.append(f"outcomes  {', '.join(outcomes)}")
     lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
     names = [str(item) for item in study.data_vars if f"difference_{item}" in study]
-    shown = dict[str, int]()
+    shown, called = dict[str, int](), _called(whole, names)
     for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
-        whole, labels = parted(name)
-        shown[whole] = shown.get(whole, 0) + 1
-        lines += _of_number(study, name) if not labels or shown[whole] <= MOST_ELEMENTS else []
+        quantity, labels = parted(written(called[name]))
+        shown[quantity] = shown.get(quantity, 0) + 1
+        lines += _of_number(study, name, called[name]) if not labels or shown[quantity] <= MOST_ELEMENTS else []
     lines += [
-        f"{whole}: {count - MOST_ELEMENTS} further elements are in the record"
-        for whole, count in shown.items()
+        f"{quantity}: {count - MOST_ELEMENTS} further elements are in the record"
+        for quantity, count in shown.items()
         if count > MOST_ELEMENTS
     ]
     return lines + ([f"stopped   {study.attrs['stopped']}"] if "stopped" in study.attrs else [])
 
 
-def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
+def _called(study: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
+    """Return what numbers are called; a state after the event of an element is named as it is for all, then the element."""
+    called = {name: spoken(name) for name in names}
+    for quantity, variable in study.data_vars.items():
+        stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, "")).partition("{}")
+        for name in names if tail else ():
+            if name.startswith(f"{stem}{DOT}") and name.endswith(tail):
+                labels = name[len(stem) + 1 : len(name) - len(tail)].split(DOT)
+                called[name] = f"{quantity}[{', '.join(labels)}]"
+    return called
+
+
+def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:
     """Describe one number at each of its places, line by line."""
-    variable, called = study[name], spoken(name)
+    variable = study[name]
     places = [dim for dim in variable.dims if dim != LEVEL]
     units = "" if variable.attrs["units"] == "1" else f" {variable.attrs['units']}"
     count = study.sizes[places[0]] if places else 1
