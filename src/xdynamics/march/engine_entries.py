@@ -16,6 +16,7 @@ from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.inside_errors import judge_inside
+from xdynamics.march.log import begin_anew, events_fit
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import enter_past
 from xdynamics.march.perturbation import follow
@@ -91,7 +92,7 @@ def march_many(
         The run that stopped because the log is full and has to be emptied; n when all are over.
     """
     run = run_at(address)
-    now, base = run.now[0], run.base[0]
+    now = run.now[0]
     for k in range(first, starts.shape[0]):
         if now.status != RUNNING or now.rows == 0:
             begin(run, plans, starts, parameters, atols, k)
@@ -99,9 +100,9 @@ def march_many(
             march_by(march_at, address, END)
             keep_last(run, lasts, k)
             if now.status == RUNNING:
-                if kept or now.events - base.events + run.detectors.shape[0] > run.log_events.shape[0]:
+                if kept or not events_fit(run):
                     return k
-                base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
+                begin_anew(run)
         ends[k] = run.now[0]
         for i in range(largest.shape[1]):
             largest[k, i] = run.largest[i]

@@ -17,7 +17,7 @@ from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.ensemble_part import EnsemblePart, copied, inputs_of, log_of_many
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import Log, LogBlock, Room, allocate
+from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
@@ -298,8 +298,9 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     """Copy what is kept out of the log, and have it filled from its beginning."""
     now, base = run.now[0], log.base[0]
     rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
-    base.rows, base.trials, base.events, base.samples = now.rows, now.trials, now.events, now.samples
-    return copied(log, rows, events)
+    kept = copied(log, rows, events)
+    log.follow(*(int(now[count]) for count in LOG_COUNTS))
+    return kept
 
 
 def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:

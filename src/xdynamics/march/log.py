@@ -135,11 +135,24 @@ def has_room(run: Run) -> bool:
 
 @compiled
 def has_room_for_events(run: Run) -> bool:
-    """Whether all events of a step fit, and the rows of links that it may have."""
+    """Whether all events of a step fit, and the rows of links that are closed in it."""
+    return events_fit(run) and (run.plan[0].assemblies == 0 or has_room_for_links(run))
+
+
+@compiled
+def events_fit(run: Run) -> bool:
+    """Whether all events of a step fit."""
     now, base, most = run.now[0], run.base[0], run.detectors.shape[0] + 2 * run.plan[0].together
-    if run.plan[0].assemblies > 0 and not has_room_for_links(run):
-        return False
     return bool(now.events - base.events + most <= run.log_events.shape[0])
+
+
+@shared
+def begin_anew(run: Run) -> None:
+    """Have the log overwritten, but for events."""
+    now, base = run.now[0], run.base[0]
+    base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
+    for i in range(run.log_links.shape[0]):
+        run.log_links[i] = 0
 
 
 @compiled

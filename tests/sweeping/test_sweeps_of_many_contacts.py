@@ -1,0 +1,42 @@
+"""Sweeps of bodies with many contacts: members go on where the log that they share is full of impacts or closed links."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.march import ensemble_part
+
+RESTITUTIONS = [0.0, 0.5]
+COUNT = 30  # more contacts than are written out one by one
+
+
+def falling(restitution: float) -> xd.Model:
+    """Return balls that fall on a floor from different heights."""
+    return xd.Model(
+        name="hail",
+        dimensions={"ball": COUNT},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}},
+        parameters={"m": "1 kg", "e": str(restitution)},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-9.80665*m*metre/second**2"}},
+        contacts={"floor": {"gap": "y", "restitution": "e"}},
+        initial={"y": {"unit": "m", "value": np.linspace(0.01, 0.05, COUNT).tolist()}},
+    )
+
+
+@pytest.mark.parametrize("keep", [["end"], ["end", "maximum_kinetic_energy"]])
+def test_members_go_on_where_their_log_is_full(monkeypatch: pytest.MonkeyPatch, keep: list[str]) -> None:
+    """Assert the bits of single runs, in logs with room for a part of the impacts and of the rows of closed links."""
+    rows = ensemble_part.FEWEST_ROWS
+    monkeypatch.setattr(ensemble_part, "LOG_ROWS", rows)
+    asked = {"method": "velocity_verlet", "step": "2 ms", "until": "0.4 s"}
+    found = xd.sweep(falling(0.5), {"e": RESTITUTIONS}, keep=keep, **asked).load()
+    for k, restitution in enumerate(RESTITUTIONS):
+        run = xd.simulate(falling(restitution), **asked)
+        assert run.sizes["step"] > 2 * rows
+        assert run.sizes["closed"] > 2 * COUNT * rows
+        for name in ("y", "v_y"):
+            assert np.array_equal(found[f"end_{name}"].values[k], run[name].values[-1])
+    assert run.sizes["event"] > rows + 3 * COUNT
