@@ -137,6 +137,22 @@ def test_maps_have_contours_and_their_optimum(throws: xr.Dataset) -> None:
     assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
 
 
+def test_a_foot_counts_many_numbers_that_are_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of 200 elements which rounding leaves of zero ten are named."""
+    model = xd.Model(
+        name="rest",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": "1*newton"}},
+        initial={"x": "0 m"},
+    )
+    sweep = xd.sweep(model, {"m": ["1 kg", "2 kg"]}, keep=["end"], method="rk4", step=0.1, until=0.2)
+    monkeypatch.setattr("xdynamics.figures.sweep.vanishing", lambda _: [f"end_u[{k}]" for k in range(200)])
+    foot = xd.plot(sweep).get_supxlabel().replace("\n", " ")
+    assert foot.endswith("end_u[8], end_u[9] and 190 more")
+
+
 @pytest.mark.dear
 def test_what_rounding_leaves_of_zero_is_no_map(throws: xr.Dataset) -> None:
     """Assert that heights at landing are said to be zero and not drawn, but for those of nanometres, which are none."""

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.faults import few
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep_draws import of_draws, of_words
 from xdynamics.figures.sweep_lines import elements_over, over_one
@@ -60,7 +61,7 @@ def foot_of(sweep: xr.Dataset) -> str:
     outcomes, counts = np.unique(ended(sweep).values.astype(str), return_counts=True)
     summary = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
     uncontrolled = int(np.count_nonzero(sweep[UNCONTROLLED].values))
-    noise = ", ".join(vanishing(sweep))
+    noise = few(vanishing(sweep))
     zero = f"; zero to rounding: {noise}" if noise else ""
     note = f"; of {uncontrolled} absolute tolerances may have let pass 3 % of a variable" if uncontrolled else ""
     return f"{sweep[OUTCOME].size} runs: {summary}{note}; {settings_said(sweep)}{zero}"
