@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.faults import InputError, Ledger, few
+from xdynamics.model.plain_table import PlainTable
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes import Extent
 from xdynamics.units import Scale, Unit, parse_scale
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one that occurs in the header
@@ -60,8 +65,8 @@ class Sheet:
     header : tuple of str
         As it was written.
     header_line : int
-    lines : tuple of (int, list of str)
-        Cells with the number of their line.
+    rows : PlainTable, or tuple of (int, list of str)
+        What stands below; cells with the number of their line where it is no large table of one form.
     """
 
     name: str
@@ -69,7 +74,7 @@ class Sheet:
     decimal: str
     header: tuple[str, ...]
     header_line: int
-    lines: tuple[tuple[int, list[str]], ...]
+    rows: PlainTable | tuple[tuple[int, list[str]], ...]
 
     @classmethod
     def of(cls, name: str, text: str) -> Sheet:
@@ -80,12 +85,9 @@ class Sheet:
         InputError
             If it is empty, mixes decimal commas and points, or a cell is too long.
         """
-        lines = (
-            (n, line)
-            for n, line in enumerate(normal(text).split("\n"), 1)
-            if line.strip() and not line.lstrip().startswith(COMMENTS)
-        )
-        number, first = next(lines, (0, ""))
+        text = normal(text)
+        lines = _lines(text)
+        number, first, below = next(lines, (0, "", 0))
         if not first:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
         if len(first) > LONGEST_HEADER:
@@ -95,8 +97,18 @@ class Sheet:
             )
         separator = next((separator for separator in SEPARATORS if separator in first), ",")
         header = tuple(next(csv.reader([first], delimiter=separator)))
-        rows = tuple((n, _cells(name, n, line, separator)) for n, line in lines)
+        if table := PlainTable.of(text[below:], separator, len(header)):
+            return cls(name, separator, ".", header, number, table)
+        rows = tuple((n, _cells(name, n, line, separator)) for n, line, _ in lines)
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
+
+    @cached_property
+    def lines(self) -> tuple[tuple[int, list[str]], ...]:
+        """Cells with the number of their line."""
+        if not isinstance(self.rows, PlainTable):
+            return self.rows
+        texts = self.rows.content.decode().split("\n")[:-1]
+        return tuple((n, line.split(self.separator)) for n, line in enumerate(texts, self.header_line + 1))
 
     @cached_property
     def layout(self) -> str:
@@ -192,13 +204,35 @@ class Sheet:
             if wrong := [cell for cell, value in zip(selected, parsed, strict=True) if value is None]:
                 ledger.note(f"line {number}: {shown(wrong[0])} is no number")
                 continue
-            row = tuple(of(value) for of, value in zip(scales, parsed, strict=True) if value is not None)
-            if infinite := [cell for cell, value in zip(selected, row, strict=True) if not isfinite(value)]:
+            found = [value for value in parsed if value is not None]
+            if infinite := [cell for cell, value in zip(selected, found, strict=True) if not isfinite(value)]:
                 ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
                 continue
+            row = tuple(of(value) for of, value in zip(scales, found, strict=True))
             rows.append((number, row))
         ledger.raise_faults()
         return rows
+
+    def columns(self, places: Sequence[int]) -> NDArray[np.float64]:
+        """Read the numbers of some columns, shape (rows, columns): those of a large table at once.
+
+        Raises
+        ------
+        InputError
+            As `numbers` does.
+        """
+        found = self.rows.columns(places) if isinstance(self.rows, PlainTable) else None
+        if found is None or not np.isfinite(found).all():  # which cell it is is told where each is read by itself
+            return np.array([row for _, row in self.numbers(places)], float).reshape(-1, len(places))
+        for k, place in enumerate(places):
+            scale = self._scale(place)
+            if (scale(0.0), scale(1.0)) != (0.0, 1.0):  # rounded once, from exact numbers
+                found[:, k] = [scale(number) for number in found[:, k].tolist()]
+        return found
+
+    def elements(self, column: int, extent: Extent) -> NDArray[np.int64] | None:
+        """Return the elements that a column of a large table names; None where they are to be read one by one."""
+        return self.rows.elements(column, extent) if isinstance(self.rows, PlainTable) else None
 
     def _scale(self, column: int) -> Callable[[float], float]:
         """Return what a number of a column is in the column's unit; of one without a unit, itself."""
@@ -209,6 +243,17 @@ class Sheet:
 
     def _number(self, cell: str) -> float | None:
         return number_of(cell.replace(",", ".") if self.decimal == "," else cell)
+
+
+def _lines(text: str) -> Iterator[tuple[int, str, int]]:
+    """Yield lines that are neither empty nor comments, with their numbers, and where the next one begins."""
+    begin, number = 0, 0
+    while begin <= len(text):
+        end = text.find("\n", begin)
+        end, number = len(text) if end < 0 else end, number + 1
+        line, begin = text[begin:end], end + 1
+        if line.strip() and not line.lstrip().startswith(COMMENTS):
+            yield number, line, begin
 
 
 def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
@@ -301,8 +346,6 @@ def written(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
         If their lengths differ, or they are not numbers.
     """
     import io
-
-    import numpy as np
 
     try:
         values = {name: np.asarray(value, str if name in labels else float).ravel() for name, value in columns.items()}

@@ -9,7 +9,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.workbook import text_of_workbook
 from xdynamics.runtime.files import check_no_address, decoded, read_bounded, shown
 
-LARGEST_TABLE = 10_000_000  # bytes
+LARGEST_TABLE = 50_000_000  # bytes
 WORKBOOK = ".xlsx"
 
 # a file's own folder and below; any file; no file, as the tables are part of the text

@@ -8,6 +8,9 @@ from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.expressions import Node, dimension_of, free_names, parse, shown, text_of
 from xdynamics.faults import InputError, brief, few
 from xdynamics.model.csv_sheet import Sheet, title
@@ -233,12 +236,10 @@ def _from_table(
         if other.dimension != unit.dimension:
             raise InputError(f"table '{file}': column '{column}' is in '{other.text}', the first in '{unit.text}'")
     factors = [1.0 if other.text == unit.text else float(other.factor / unit.factor) for other in units]
-    return tuple(number * factor for row in read for number, factor in zip(row, factors, strict=True)), unit
+    return tuple((read * factors).ravel().tolist()), unit
 
 
-def columns_of(
-    sheet: Sheet, columns: Sequence[str], extent: Extent | None
-) -> tuple[list[tuple[float, ...]], list[Unit]]:
+def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent | None) -> tuple[NDArray[np.float64], list[Unit]]:
     """Return columns of a table, a row for each element, matched by a column of labels where there is one.
 
     Raises
@@ -256,7 +257,7 @@ def columns_of(
             raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout}")
         places.append(at[0])
     try:
-        rows = [row for _, row in sheet.numbers(places)]
+        rows = sheet.columns(places)
     except InputError as error:
         raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in error.faults)) from None
     units = [title(sheet.header[place]).unit for place in places]
@@ -279,10 +280,13 @@ def _name_of(cell: str) -> str:
         return cell
 
 
-def _matched(sheet: Sheet, rows: list[tuple[float, ...]], column: int, extent: Extent) -> list[tuple[float, ...]]:
+def _matched(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Extent) -> NDArray[np.float64]:
     """Return rows in the order of elements, by their labels."""
-    places: dict[int, tuple[float, ...]] = {}
-    for (line, cells), row in zip(sheet.lines, rows, strict=True):
+    known = sheet.elements(column, extent)
+    if known is not None and (np.bincount(known, minlength=extent.size) == 1).all():
+        return rows[np.argsort(known)]
+    places: dict[int, int] = {}
+    for row, (line, cells) in enumerate(sheet.lines):
         label = cells[column].strip()
         try:
             number = extent.number(int(label) if not extent.labels and label.isdigit() else label)
@@ -293,7 +297,7 @@ def _matched(sheet: Sheet, rows: list[tuple[float, ...]], column: int, extent: E
         places[number] = row
     if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
         raise InputError(f"table '{sheet.name}' has no row for {few(missing)} of '{extent.name}'; give a row for each")
-    return [places[i] for i in range(extent.size)]
+    return rows[[places[i] for i in range(extent.size)]]
 
 
 def _spreads(

@@ -191,6 +191,8 @@ class Links:
 
     def _ends(self, sheet: Sheet, column: int, extent: Extent) -> NDArray[np.int64]:
         """Read the elements at one end of each link."""
+        if (found := sheet.elements(column, extent)) is not None:
+            return found
         numbers = np.empty(len(sheet.lines), np.int64)
         for k, (line, cells) in enumerate(sheet.lines):
             if len(cells) <= column:

@@ -20,7 +20,7 @@ from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
 from xdynamics.model.elements import Elements
-from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
+from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, LARGEST_TABLE, FileAccess
 from xdynamics.model.model_trees import ModelTrees
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
@@ -40,6 +40,7 @@ _OF_TREES = (
     "units",
 )  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
+LARGEST_TEXT = LARGEST_FILE + LARGEST_TABLE  # characters of a text that has its tables in it, as that of a record
 
 
 def _named_inside(entries: Any) -> Any:
@@ -305,8 +306,8 @@ class Model(ModelTrees):
 
     @classmethod
     def _parsed(cls, text: str, path: Path, functions: Functions | None, access: FileAccess) -> Model:
-        if len(text) > LARGEST_FILE:
-            raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_FILE}")
+        if len(text) > LARGEST_TEXT:
+            raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_TEXT}")
         text = normal(text)
         try:
             statement = parsed(text)

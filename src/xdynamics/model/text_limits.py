@@ -11,7 +11,7 @@ from xdynamics.faults import InputError
 from xdynamics.units.rounded import read
 
 MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a thousand bodies have some 6,000
-MOST_VALUES = 500_000  # of lists
+MOST_VALUES = 2_000_000  # of lists: of a record's model two numbers for each of 10^6 elements
 DEEPEST_KEY = 8  # names that dots join
 
 # strings and comments, which may contain anything; one that is not closed ends with its line or the file;
