@@ -21,6 +21,7 @@ from xdynamics.expressions.tree import (
     chain,
     children,
     exponent_of,
+    free_names,
     text_of,
 )
 from xdynamics.faults import InputError
@@ -66,7 +67,8 @@ def derivative(node: Node, rates: Rates) -> Node:
     At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is that of the branch taken; that of ``sign``,
     ``floor``, ``ceil`` and ``round`` is zero everywhere, and ``mod`` is differentiated between its jumps.
     """
-    return derivatives(node, {name: {"": rate} for name, rate in rates.items()}).get("", ZERO)
+    own = {name: {"": rates[name]} for name in free_names(node) if name in rates}  # there may be a million rates
+    return derivatives(node, own).get("", ZERO)
 
 
 def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
@@ -282,9 +284,17 @@ def _of_call(node: Call, inner_rates: Sequence[Node]) -> Node:
     return _OUTER[node.function](node.arguments[0], node, inner_rates[0])
 
 
+MOST_CHAINED = 16  # arguments of min and max whose derivative is a chain: it is as deep as they are many
+
+
 def _of_choice(node: Call, inner_rates: Sequence[Node]) -> Node:
-    """Differentiate min and max as an equivalent chain of `where`."""
+    """Differentiate min and max as an equivalent chain of `where`; of many arguments as one of either half."""
     operator = "<=" if node.function == "min" else ">="
+    if len(node.arguments) > MOST_CHAINED:
+        middle = len(node.arguments) // 2
+        left, right = Call(node.function, node.arguments[:middle]), Call(node.function, node.arguments[middle:])
+        rates = _of_choice(left, inner_rates[:middle]), _of_choice(right, inner_rates[middle:])
+        return ZERO if rates == (ZERO, ZERO) else Call("where", (Compare(operator, left, right), *rates))
     *rest, _ = node.arguments
     result = inner_rates[-1]
     for position in range(len(rest) - 1, -1, -1):

@@ -271,16 +271,18 @@ class Layout:
         return tuple(name for name in drives if getattr(places[name], "name", "") not in variables)
 
     @cached_property
-    def followed(self) -> dict[str, Node]:
-        """The time derivatives of observables, for events; of those that depend on accelerations they are unknown."""
+    def followed(self) -> Blocks:
+        """The observables whose time derivatives events need; of those that depend on accelerations they are unknown."""
         if not self.watched:
-            return {}
-        accelerations = set(self.accelerations)
-        observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
-        without_accelerations = {
-            name: node for name, node in observables.items() if not free_names(node) & accelerations
-        }
-        return {name: self.model.rate_of(node) for name, node in without_accelerations.items()}
+            return Blocks(())
+        if self._shapes is None:
+            unknown, model = {*self.accelerations}, self.model
+            known = [name for name in model.observables if not free_names(self._observed(name)) & unknown]
+            return Blocks.of("followed", known)
+        unknown = {*map(schema.acceleration, self.model.shaped.coordinates)}
+        observed = {name: self.wholes[name][1] for name in self.model.shaped.observables}
+        known = [name for name, tree in observed.items() if not free_names(tree) & unknown]
+        return Blocks.of("followed", known, self._shapes)
 
     @cached_property
     def row(self) -> Blocks:

@@ -8,13 +8,13 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.expressions import Node
+from xdynamics.expressions import Node, free_names
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Expansion, Motion, UnexpandedError, expansion
 from xdynamics.kernels.law_names import LawNames, called
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
-from xdynamics.kernels.nests import Nests
+from xdynamics.kernels.nests import Nests, Result
 from xdynamics.kernels.program import (
     AT,
     DEVIATION,
@@ -37,10 +37,13 @@ from xdynamics.model.motion import constant_names, decides, motion
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 from xdynamics.model.whole import (
+    Quantity,
     change,
     changes_of_wholes,
+    events_of_wholes,
     has_wholes,
     motion_of_wholes,
+    rates_of_wholes,
     shapes_of,
     shapes_of_changes,
 )
@@ -175,19 +178,41 @@ def changes(layout: Layout, first: int) -> Program:
 
 def events(layout: Layout) -> Program:
     """Write the event functions."""
+    about = "The function of every event."
+    if has_loops(layout.model) and (program := _of_wholes("detect", about, layout, events_of_wholes(layout.model))):
+        return program
     trees = [detector.looked_at for detector in layout.watched]
-    return _returning("detect", "The function of every event.", layout, trees, python_values(layout.model))
+    return _returning("detect", about, layout, trees, python_values(layout.model))
 
 
 def event_rates(layout: Layout) -> Program:
     """Write the time derivatives of the event functions along the motion, and those of the observables."""
-    model = layout.model
+    model, about = layout.model, "The time derivatives of event functions and observables."
+    if has_loops(model):
+        observed = [(own.name, *layout.wholes[own.name]) for own in layout.followed.blocks]
+        rates = rates_of_wholes(model, [*events_of_wholes(model), *observed])
+        if program := _of_wholes("slopes", about, layout, rates):
+            return program
     trees = [function_rate(model, entry) for entry in layout.watched]
-    trees += layout.followed.values()
+    trees += (model.rate_of(model.observables[name]) for name in layout.followed)
     for name in layout.tracked:
         trees += argument_motion(model, name)
-    about = "The time derivatives of event functions and observables."
     return _returning("slopes", about, layout, trees, {entry.name: entry.value for entry in followed(model)})
+
+
+def _of_wholes(name: str, about: str, layout: Layout, quantities: Iterable[Quantity]) -> Program | None:
+    """Write quantities to `z`, one after the other, in loops; None where their elements are to be written out."""
+    nests, results, count = _of_states(layout), list[Result](), 0
+    for quantity, dims, tree in quantities:
+        if free_names(tree) & {*layout.model.shaped.drives}:
+            return None
+        results.append((quantity, dims, tree, Place("z", count)))
+        count += math.prod(layout.model.shapes.shape(dims))
+    try:
+        nests.results(results)
+    except UnprintedError:
+        return None
+    return Program(name, about, tuple(nests.lines), local=nests.local, tables=nests.tables, sound=(0, count))
 
 
 def touching(layout: Layout) -> Program:

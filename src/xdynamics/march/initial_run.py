@@ -137,7 +137,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), layout.record.size)
     lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "entered", "pending"), events)
-    lengths |= dict.fromkeys(("slopes", "arguments"), events + len(layout.followed) + 3 * len(layout.tracked))
+    lengths |= dict.fromkeys(("slopes", "arguments"), events + layout.followed.size + 3 * len(layout.tracked))
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: unwritten(length) for name, length in lengths.items()}

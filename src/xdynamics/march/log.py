@@ -306,7 +306,7 @@ def allocate(
         _table(layout.sample.size, samples, by_rows=by_rows),
         np.empty(trials, TRIAL_ROW),
         np.empty(event_rows, EVENT_ROW),
-        np.empty((len(layout.followed), event_rows)),
+        np.empty((layout.followed.size, event_rows)),
         np.empty((_acting(layout), event_rows)),
         *rest,
     )

@@ -147,7 +147,7 @@ def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
     """
     place, places = layout.model.looked_up_at[drive], {name: i for i, name in enumerate(layout.record)}
     if not isinstance(place, Name) or place.name not in {*layout.coordinates, *layout.velocities}:
-        first = -1 - len(layout.watched) - len(layout.followed) - 3 * layout.tracked.index(drive)
+        first = -1 - len(layout.watched) - layout.followed.size - 3 * layout.tracked.index(drive)
         return layout.drives.index(drive), first, first - 1, first - 2
     argument = place.name
     owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -215,7 +216,7 @@ def function_rate(model: Model, detector: Detector) -> Node:
         for assignment in followed(model)
         if assignment.name.startswith("_rate_of_")
     }
-    return derivative(detector.looked_at, {**rates, **model.rates})
+    return derivative(detector.looked_at, ChainMap(rates, model.rates))
 
 
 def argument_motion(model: Model, drive: str) -> tuple[Node, Node, Node]:

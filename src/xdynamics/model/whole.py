@@ -5,11 +5,12 @@ What they are at each element is what the model says of its elements.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 
 from xdynamics.expressions import Along, Binary, Call, Name, Node, Number
-from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.model.elements import Elements
 from xdynamics.model.model import Model
 from xdynamics.model.motion import in_regimes
@@ -100,6 +101,26 @@ def changes_of_wholes(model: Model) -> list[Quantity]:
 def written_out(model: Model, tree: Node) -> Node:
     """Return an expression with dimensions with every definition substituted."""
     return expanded(tree, model.shaped.definitions, model.shapes)
+
+
+def events_of_wholes(model: Model) -> list[Quantity]:
+    """Return the function of each event, and 1 for what is looked for otherwise: ticks, links of contacts."""
+    found = list[Quantity]()
+    for name, event in model.shaped.events.items():
+        assert not isinstance(event.function, Function)  # noqa: S101 - asked before
+        tree = ONE if event.every is not None else written_out(model, event.function)
+        found.append((name, model.shapes.dims.get(name, ()), tree))
+    return [*found, *((name, (), ONE) for name in model.assemblies)]
+
+
+def rates_of_wholes(model: Model, quantities: Iterable[Quantity]) -> list[Quantity]:
+    """Return the time derivatives along the motion of expressions that read no drive."""
+    shaped, rates = model.shaped, dict[str, Node](t=ONE)
+    for name in shaped.coordinates:
+        rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
+    rates |= {name: Name(rate(name)) for name in shaped.states}
+    shapes = shapes_of(model)
+    return [(f"_rate_of_{name}", dims, derivative(tree, rates, shapes)) for name, dims, tree in quantities]
 
 
 def energies_of_wholes(model: Model) -> dict[str, Node]:
