@@ -175,7 +175,9 @@ class _IntervalPrinter:
         self._rows: list[tuple[int, ...]] = []
         self._constants = constant_names(layout.model)
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
-        self._moving = self._variables() if layout.watched else {}
+        variables = self._variables() if layout.watched else {}
+        self._moving = {name: place for place, name in enumerate(variables)}
+        self._computed = [*variables.values()]
         self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
 
     def printed(self) -> Enclosing:
@@ -231,7 +233,7 @@ class _IntervalPrinter:
         if (place := self._constants.find(name)) is not None:
             return lines.load(Place("p", place), name)
         if name in self._moving:
-            return lines.load(Place("moving", list(self._moving).index(name)), name)
+            return lines.load(Place("moving", self._moving[name]), name)
         if name in self._inner:
             return lines.value(self._inner[name])  # type: ignore[arg-type]
         drive = name.removeprefix(slope(""))
@@ -246,7 +248,7 @@ class _IntervalPrinter:
             if isinstance(line, Load) and line.place.array == "p":
                 self._row(line.target, CONSTANT, line.place.offset, constant=line.place.offset < self._fixed)
             elif isinstance(line, Load):
-                number, *places = list(self._moving.values())[line.place.offset]
+                number, *places = self._computed[line.place.offset]
                 if of_slopes and OPERATIONS[number] in SLOPES:
                     number = OPERATIONS.index(SLOPES[OPERATIONS[number]])
                 self._row(line.target, number, *places)

@@ -211,7 +211,7 @@ def followed(model: Model) -> tuple[Assignment, ...]:
 
 def function_rate(model: Model, detector: Detector) -> Node:
     """Return the time derivative of a detector's function along the motion; see `followed`."""
-    rates = {
+    rates: dict[str, Node] = {
         assignment.name.removeprefix("_rate_of_"): Name(assignment.name)
         for assignment in followed(model)
         if assignment.name.startswith("_rate_of_")
