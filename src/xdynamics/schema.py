@@ -22,6 +22,8 @@ AT, LEVEL, OCCURRENCE, CYCLE, CASE, EXPONENT = "at", "level", "occurrence", "cyc
 # of a diagnosis: growth in the limit of long times, and over the time of a run
 LYAPUNOVS, LYAPUNOV_UNCERTAINTY = "lyapunov_exponents", "lyapunov_uncertainty"
 LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH = "lyapunov_exponent", "lyapunov_time", "finite_time_growth"
+CONTINUITY = "continuity"  # role, and first word: whether steps, made again, lead to the rows that follow
+CONTINUITY_STEPS, CONTINUITY_TIME, CONTINUITY_VERDICT = "continuity_steps", "continuity_time", "continuity_verdict"
 AT_TIME = "at_time"
 DIMENSIONS = {
     STEPS: "accepted states, the initial one first",
@@ -252,6 +254,11 @@ def bounds_of(name: str) -> tuple[str, str]:
 def error(name: str) -> str:
     """Name the local error estimate of a coordinate, velocity or state."""
     return f"error_{name}"
+
+
+def continuity_defect(name: str) -> tuple[str, str]:
+    """Name how far a step, made again, is from its row, and what rounding explains of it."""
+    return f"continuity_defect_{name}", f"continuity_bound_{name}"
 
 
 SCALED_RESIDUAL, RESIDUAL_SCALE = "scaled_residual", "residual_scale"  # of a ledger, along `case`

@@ -41,7 +41,7 @@ def test_a_lazy_diagnosis_is_described_and_has_the_bits_of_the_eager_one(name: s
         found = xd.diagnose(run, occurrences=4, compute=False, **more)
     apart = [name for name in eager.variables if str(name).startswith(SAID_LATER)]
     later = {*found.variables} - {*eager.variables}
-    assert later == {"level", "level_rule", "maxima", "reference", "cycle_doubt"}
+    assert later == {"level", "level_rule", "maxima", "reference", "cycle_doubt", "continuity_rule"}
     assert_described(
         *(
             item.drop_vars(apart)

@@ -58,7 +58,7 @@ def test_a_method_without_a_stable_step_says_why_it_warns() -> None:
     for name, limit in stable:
         assert told(name, 0.98 * float(limit), 500.0) == ""
     # (w h)**4/8 a step: e times in 8/(w**4 h**3), where the short cut by the size of the step does not help
-    assert "within this run of 30000 s" in told("heun", 0.04, 30_000.0)
+    assert "Within this run of 30000 s" in told("heun", 0.04, 30_000.0)
 
 
 @pytest.mark.parametrize(

@@ -63,6 +63,8 @@ OF_EVIDENCE = {
     "at_bound": "1 where an estimate ended on its bound; its uncertainty means nothing then",
     "band_…": "largest less least value over the rows; drift_…: at the end less at the start",
     "believed_until": "time until which no variable is further from the solution than a tenth of its range",
+    "continuity_verdict": "whether each step, made again from its row, leads to the next; not the last row, nor jumps at events",
+    "continuity_defect_…": "distance of the furthest such step from its row; continuity_bound_…: what rounding explains",
     "companion": "a second run at a tighter setting, from which the error of the first follows",
     "phase_offset": "phase at the end of a cycle less that of the reference; below 0 behind it",
     "maximum_…": "over the whole run; maximum_…_rule: sampled at a row, interpolated between rows, or located by an event",

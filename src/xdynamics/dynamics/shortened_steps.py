@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.dynamics.accepted_times import AcceptedTimes, located
+from xdynamics.dynamics.left_out_rows import check_steps_meet, slack
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.elementary import kept_set
-from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
@@ -260,14 +261,14 @@ class Inside:
         wanted = step_columns(self.model, self.settings, rows, following, names)
         return [self.run.variables[name].isel({STEPS: chosen}) for name, chosen in wanted]
 
-    def _evaluated(self, where: Floats, columns: Floats) -> Floats:
-        """Evaluate states and their errors.
+    def _evaluated(self, where: Floats, columns: Floats, *, judged: bool = True, rests: Floats | None = None) -> Floats:
+        """Evaluate states and, if they are to be judged, their errors.
 
         Rows of `where` are wanted time, start and end; of `columns` step, regime, contacts, the state at its start and
         perhaps at its end.
         """
         every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run.variables["time"].attrs["units"]))
-        _check_whole(where, columns[0], slack(self.run), unit, every)
+        check_steps_meet(where, columns[0], slack(self.run), unit, every)
         reintegrated = self.rule == REINTEGRATE
         return states_within(
             self.model,
@@ -277,7 +278,9 @@ class Inside:
             columns,
             self._factors,
             reintegrated=reintegrated,
+            judged=judged,
             past=self._past if self.model.delays else None,
+            rests=rests,
         )
 
     @cached_property
@@ -294,26 +297,44 @@ class Inside:
                 f"delayed values are of every row from the start at t = {start!r}{unit} on, and this record has {what}; sample"
                 " the whole record"
             )
-        _check_whole(np.stack([time[1:], time[:-1], time[1:]]), columns[1, 1:], slack(self.run), unit, every)
+        check_steps_meet(np.stack([time[1:], time[:-1], time[1:]]), columns[1, 1:], slack(self.run), unit, every)
         return past_of(self.model, self.settings, self.law, columns, self._factors)
 
-    def defects(self, rows: NDArray[np.int64], parts: int) -> dict[str, Floats]:
-        """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units."""
-        time, used = np.asarray(self.run["time"]), self.layout.used
+    def defects(
+        self, rows: NDArray[np.int64], parts: int, shifts: Mapping[str, Floats] | None = None
+    ) -> dict[str, Floats]:
+        """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units.
+
+        `shifts`, shape (k, ...) or (1, ...), are added to what the parts start from: to the rests where numbers have such.
+        """
+        time, used, rests = np.asarray(self.run["time"]), self.layout.used, None
         columns = _stacked(self._columns(rows))
         n, first, doubled = len(used), 3 + self._touching, self.layout.is_doubled
         start, end = time[rows], time[rows + 1]
+        if shifts is not None:
+            of_step = [np.asarray(shifts[quantity.name]) for quantity in self.quantities]
+            columns[first + doubled * n :][:n] += np.concatenate([part.reshape(len(part), -1).T for part in of_step])
         inner = columns[first : first + n].copy()
-        for k in range(parts):
-            low, high = (start + (end - start) * (j / parts) for j in (k, k + 1))
-            columns[0], columns[first : first + n] = high - low, inner
-            found = self._evaluated(np.stack([high, low, high]), columns if doubled else columns[: first + n])
+        borders = [*(start + (end - start) * (k / parts) for k in range(parts)), end]
+        for low, high in pairwise(borders):
+            if parts > 1:  # a whole step is of its recorded size, which is not end - start to the bit
+                columns[0] = high - low
+            columns[first : first + n] = inner
+            if doubled and high is end:  # as the march had it, which is not what the float is written as
+                rests = np.asarray(self.run.variables[schema.REST_TIME.name])[rows + 1]
+            steps = columns if doubled else columns[: first + n]
+            found = self._evaluated(np.stack([high, low, high]), steps, judged=False, rests=rests)
             inner, columns[2] = found[:n], schema.STEP  # only the first part follows an event
             if doubled:
                 columns[first + n : first + 2 * n] = found[2 * n :]
                 columns[first + 2 * n] = [rest_of_time(time) for time in high.tolist()]
-        led_to = _stacked([self.run.variables[quantity.name][rows + 1] for quantity in self.quantities])
-        defects, place = led_to - inner, self.layout.used.place
+        names, place = [quantity.name for quantity in self.quantities], self.layout.used.place
+        defects = _stacked([self.run.variables[name][rows + 1] for name in names]) - inner
+        if doubled:
+            defects += (
+                _stacked([self.run.variables[schema.rest(name)][rows + 1] for name in names])
+                - columns[first + n : first + 2 * n]
+            )
         return {quantity.name: _along(defects, place(quantity.name), quantity) for quantity in self.quantities}
 
     @property
@@ -348,30 +369,6 @@ def step_columns(
 
 
 _KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_digest", "force_digest", "content_digest")
-
-
-def slack(run: xr.Dataset) -> float:
-    """Return the part of t by which a recorded step may miss the next row: the sum of given steps is rounded."""
-    return EPS * max(8, 4 * run.sizes.get(schema.GIVEN, 0))
-
-
-def _check_whole(where: Floats, steps: Floats, near: float, unit: str, every: int) -> None:
-    """Refuse a record with rows left out: its steps would not reach from one row to the next."""
-    times, starts, ends = where
-    gaps = np.abs(ends - starts - steps)
-    torn = np.flatnonzero((times > starts) & (gaps > near * np.maximum(np.abs(starts), np.abs(ends))))
-    if torn.size:
-        i = int(torn[0])
-        if every > 1:
-            raise InputError(
-                f"t = {times[i]:.15g}{unit} is between rows of the march that were left out, from"
-                f" {starts[i]:.15g}{unit} to {ends[i]:.15g}{unit}: of those this record has {RARE.format(every)}, or"
-                " ask for times of kept rows"
-            )
-        raise InputError(
-            f"rows are missing between t = {starts[i]:.15g}{unit} and {ends[i]:.15g}{unit}: the step to the later one"
-            f" is {steps[i]:.15g}{unit}; sample the whole record, and choose among its rows afterwards"
-        )
 
 
 def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:

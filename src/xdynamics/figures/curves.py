@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.dynamics.left_out_rows import slack
 from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.dynamics.shortened_steps import sampled, slack
+from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.evidence.observables import evaluated_whole, rate_on
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.faults import InputError

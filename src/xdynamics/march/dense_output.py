@@ -39,6 +39,7 @@ def states_within(
     parameters: Floats | None = None,
     runs: NDArray[np.int64] | None = None,
     past: Past | None = None,
+    rests: Floats | None = None,
 ) -> Floats:
     """Evaluate states inside steps, and the distance of each from a more accurate one.
 
@@ -65,6 +66,8 @@ def states_within(
         The run that each time belongs to.
     past : Past, optional
         Of a run with delayed values: its steps, as `past_of` makes them.
+    rests : ndarray, shape (k,), s, optional
+        Of the wanted times, where numbers are sums of two; by default of the decimal numbers that they are written as.
 
     Returns
     -------
@@ -82,7 +85,8 @@ def states_within(
     owners = np.zeros(times.size) if runs is None else runs
     steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *states])
     if doubled:
-        steps = np.vstack([steps, columns[2 * n], [rest_of_time(time) for time in times.tolist()]])
+        left = [rest_of_time(time) for time in times.tolist()] if rests is None else rests
+        steps = np.vstack([steps, columns[2 * n], left])
         inputs = [steps, _sums(model, law.layout, columns), columns[:0]]
     else:
         inputs = [steps, *(_in_units(part, factors) for part in (columns[:n], columns[n:]))]

@@ -17,6 +17,7 @@ from xdynamics.evidence.diagnosing import chaos
 from xdynamics.evidence.diagnosing.belief import believed
 from xdynamics.evidence.diagnosing.closed_forms import residuals
 from xdynamics.evidence.diagnosing.conservation import ROLE, bands, conserved
+from xdynamics.evidence.diagnosing.continuity import continuity, continuity_said
 from xdynamics.evidence.diagnosing.element_extremes import extremes_by_quantities, has_many_elements
 from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
 from xdynamics.evidence.diagnosing.phases import (
@@ -54,6 +55,7 @@ SAID = {
     "maxima": "how often the coordinate turns from rising to falling",
     "reference": "what phases are offset from",
     "cycle_doubt": "why cycles may not be what they are taken for; empty if nothing is doubted",
+    "continuity_rule": "which steps were made again, or why none was",
 }
 LONGEST = 9  # digits in lines of numbers whose uncertainty is known
 RELATIVE = "relative_uncertainty"  # attribute: what tolerances and uncertain inputs leave open of a number
@@ -117,6 +119,9 @@ def diagnose(
         sampled, interpolated, located by an event), `maximum_y_uncertainty`, and the same for `minimum_y`; with closed
         forms `largest_residual_y` and `rms_residual_y`, and both scaled, `scaled_largest_residual_y` and
         `scaled_rms_residual_y`, by `residual_scale_y`, the largest expected size (one expected value may be 0);
+        whether steps, made again from the rows they started from, lead to the rows they led to, `continuity_verdict`
+        (passed, failed, not_checked), of each variable that they change how far the furthest is off and what rounding
+        explains, `continuity_defect_y` and `continuity_bound_y`, and when it starts, `continuity_time`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the
         solution than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it;
         inf if it is not above twice its uncertainty or has grown less than a thousandfold) and `finite_time_growth`, of
@@ -219,6 +224,9 @@ def _dataset(
     attributes: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
     attributes[RELATIVE] = relative_uncertainty(run, rows.model)
     variables = dict(bands(rows))
+    steps, remade = continuity(rows, functions)
+    rule: dict[str, Any] = {"continuity_rule": remade}
+    units = ""
     counted = counted_cycles(rows, request.of, request.level, functions)
     variables |= dict(conserved(rows, counted, functions))
     if counted is not None:
@@ -227,19 +235,20 @@ def _dataset(
         variables |= along_cycles(rows, counted, ideal, turning, functions) | turning
         units = str(column(run, counted.name).attrs["units"])
         attributes |= {"coordinate": counted.name, "level_units": units}
-        rule = {"level": counted.level, "level_rule": counted.rule, "maxima": counted.maxima, "reference": source}
+        rule |= {"level": counted.level, "level_rule": counted.rule, "maxima": counted.maxima, "reference": source}
         rule |= {"cycle_doubt": counted.doubt}
-        attributes |= {name: value for name, value in rule.items() if value != ""}
-        if isinstance(rows, Unread):  # attributes that are not known yet are variables
-            variables |= {
-                name: ((), rule[name], about(units if name == "level" else "1", text, "rule"))
-                for name, text in SAID.items()
-            }
+    attributes |= {name: value for name, value in rule.items() if value != ""}
+    if isinstance(rows, Unread):  # attributes that are not known yet are variables
+        variables |= {
+            name: ((), value, about(units if name == "level" else "1", SAID[name], "rule"))
+            for name, value in rule.items()
+        }
     variables = listed(variables, request.occurrences)
     if model_dimensions(run):
         variables |= extremes_by_quantities(rows, functions)
     else:
         variables |= extremes_of(rows, sought(run, rows.model), functions)
+    variables |= steps
     variables |= dict(residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:
         variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))
@@ -290,6 +299,7 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
                 f", scaled {float(found[over]):.3g} by {_scale_in_words(found, str(name))}" if over in found else ""
             )
             yield f"{name} = {diagnosed(found, str(name))}{shown}"
+    yield from continuity_said(found)
     yield from chaos.exponents_in_words(found)
     if doubt := stated(found, "cycle_doubt"):
         yield f"attention: {doubt}"
