@@ -10,10 +10,12 @@ import pytest
 
 from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import Sheet
+from xdynamics.model.drives import Table
 from xdynamics.model.given_values import columns_of
 from xdynamics.model.links import Links
 from xdynamics.model.plain_table import PlainTable
 from xdynamics.shapes import Extent
+from xdynamics.units import parse_unit
 
 ROWS = 3000
 NUMBERS = np.random.default_rng(1).normal(size=ROWS) * 10.0 ** np.arange(-300, 300, 0.2)
@@ -77,6 +79,55 @@ def test_a_wrong_cell_is_named_with_its_line(what: str, monkeypatch: pytest.Monk
             columns_of(sheet(table(change)), ["T"], CELL)
         texts.append(str(caught.value))
     assert texts[0] == texts[1]
+
+
+def drive(change: Callable[[list[str]], None] = lambda _: None) -> str:
+    """Return a table of a drive, with an uncertainty of each value, and changes of its lines."""
+    lines = [f"{i}.1,{i / 7},{0.1 + i}" for i in range(ROWS)]
+    change(lines)
+    return "\n".join(["time [ms],T [°F],u(T) [K]", *lines, ""])
+
+
+def test_drives_have_the_numbers_of_their_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the same numbers to the bit, each rounded once from the decimal digits that are written."""
+    lines = Table.of(by_lines(drive(), monkeypatch), drive())
+    monkeypatch.delattr(Sheet, "numbers")  # which reads line by line
+    found = Table.parse("t.csv", drive())
+    for name in ("argument", "value", "uncertainty"):
+        assert getattr(found, name).tobytes() == getattr(lines, name).tobytes()
+        assert getattr(found, name).flags.contiguous
+    assert found.argument.tolist() == [float(f"{i}.1e-3") for i in range(ROWS)]
+    assert found.uncertainty is not None
+    assert found.uncertainty[5] == 5.1
+
+
+def test_gaps_of_a_large_drive_are_left_out() -> None:
+    """Assert that gaps = "skip" leaves out their lines alone."""
+    found = Table.parse("t.csv", drive(changed(2000, "2000.1,,1")), gaps="skip")
+    assert found.argument.size == ROWS - 1
+    assert found.argument[1999:2001].tolist() == [1.9991, 2.0011]
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("1999.1,1,1", r"line 2002: argument 1999\.1 does not increase after 1999\.1"),
+        ("2000.1,1,-1", r"line 2002: the uncertainty -1\.0 is negative"),
+        ("2000.1,,1", r"line 2002: column 'T \[°F\]' has a gap"),
+        ("2000.1,nan,1", r"line 2002: column 'T \[°F\]' has a gap"),
+        ("2000.1,1e999,1", r"line 2002: '1e999' is not finite"),
+    ],
+)
+def test_a_wrong_line_of_a_large_drive_is_named(line: str, said: str) -> None:
+    """Assert that its number is told, though lines are not looked at one by one."""
+    with pytest.raises(InputError, match=said):
+        Table.parse("t.csv", drive(changed(2000, line)))
+
+
+def test_numbers_too_large_for_si_are_named() -> None:
+    """Assert the message of a single number, for the first of many."""
+    with pytest.raises(InputError, match=r"^1e\+308 km is not finite in SI units$"):
+        parse_unit("km").all_to_si(np.array([1.0, 1e308, 2e308 / 3]))
 
 
 UNUSUAL = {

@@ -213,8 +213,14 @@ class Sheet:
         ledger.raise_faults()
         return rows
 
-    def columns(self, places: Sequence[int]) -> NDArray[np.float64]:
+    def columns(self, places: Sequence[int], *, skip: bool = False) -> NDArray[np.float64]:
         """Read the numbers of some columns, shape (rows, columns): those of a large table at once.
+
+        Parameters
+        ----------
+        places : sequence of int
+        skip : bool
+            Whether to leave out lines with a gap.
 
         Raises
         ------
@@ -223,7 +229,7 @@ class Sheet:
         """
         found = self.rows.columns(places) if isinstance(self.rows, PlainTable) else None
         if found is None or not np.isfinite(found).all():  # which cell it is is told where each is read by itself
-            return np.array([row for _, row in self.numbers(places)], float).reshape(-1, len(places))
+            return np.array([row for _, row in self.numbers(places, skip=skip)], float).reshape(-1, len(places))
         for k, place in enumerate(places):
             scale = self._scale(place)
             if (scale(0.0), scale(1.0)) != (0.0, 1.0):  # rounded once, from exact numbers

@@ -87,11 +87,12 @@ class Table:
         places = _value_columns(sheet, column)
         titles = dict(zip(places.values(), sheet.titles([*places.values()]), strict=True))
         _check_doubts(sheet, places, titles)
-        rows = sheet.numbers([*places.values()], skip=gaps == SKIP)
-        _check_rows(sheet, rows)
+        rows = sheet.columns([*places.values()], skip=gaps == SKIP)
+        if len(rows) < 2 or not (np.diff(rows[:, 0]) > 0).all() or (rows[:, 2:] < 0).any():
+            _refuse_rows(sheet, sheet.numbers([*places.values()], skip=gaps == SKIP))
         units = {word: titles[k].unit for word, k in places.items()}
         numbers = {
-            word: np.array([unit.to_si(row[k]) for _, row in rows]) for k, (word, unit) in enumerate(units.items())
+            word: unit.all_to_si(np.ascontiguousarray(rows[:, k])) for k, (word, unit) in enumerate(units.items())
         }
         return cls(sheet.name, normal(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps)
 
@@ -190,8 +191,8 @@ def _check_doubts(sheet: Sheet, places: Mapping[str, int], titles: Mapping[int, 
             )
 
 
-def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
-    """Refuse arguments that do not increase, negative uncertainties, and too few points."""
+def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:
+    """Name the lines of arguments that do not increase and of negative uncertainties, and too few points."""
     ledger = Ledger(f"table '{sheet.name}'")
     previous = -inf
     for number, row in rows:

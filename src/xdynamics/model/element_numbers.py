@@ -159,7 +159,7 @@ class ElementNumbers:
                 numbers = np.broadcast_to(
                     evaluate_many(tree, values) / float(unit.factor), len(next(iter(parameters.values())))
                 )
-                starts[element] = np.array([unit.to_si(number) for number in numbers.tolist()])
+                starts[element] = unit.all_to_si(numbers)
         return starts
 
     def _expressions(self) -> Iterator[tuple[str, str, Node]]:

@@ -50,7 +50,7 @@ class Numbers:
 
     @cached_property
     def _converted(self) -> NDArray[np.float64]:
-        return np.array([self.unit.to_si(number) for number in self.numbers.ravel().tolist()])
+        return self.unit.all_to_si(self.numbers.ravel())
 
 
 class ParameterNumbers:

@@ -48,7 +48,7 @@ def narrow(path: Path) -> dict[str, str]:
     sheet = _sheet(path)
     tables = {}
     for label, columns in _labels(sheet):
-        sheet.numbers(columns)  # raises if they cannot be read
+        sheet.columns(columns)  # raises if they cannot be read
         tables[label] = _written([list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal)
     return tables
 

@@ -187,10 +187,9 @@ def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip:
     if named is None:
         raise InputError(_without_titles(sheet, known))
     titles, left_out = named
-    rows = sheet.numbers([*titles], skip=skip)
-    if not rows:
+    columns = sheet.columns([*titles], skip=skip).T
+    if not columns.size:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
-    columns = np.array([row for _, row in rows]).T
     columns_read = {
         heading.name: (column, heading.unit) for heading, column in zip(titles.values(), columns, strict=True)
     }
