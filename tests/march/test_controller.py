@@ -220,7 +220,7 @@ def test_the_first_step_is_by_the_book(y: list[float], atol: list[float], room: 
     guess, step = by_the_book(y, 1e-6, atol, K, room, 10.0)
     assert plain(control.first_step)(run) == pytest.approx(step, rel=1e-9)
     assert run.at[T] == t + guess
-    assert run.half[:2] == pytest.approx(np.array(y[:2]) + guess * np.array(y[1:]), rel=1e-14)
+    assert run.z[:2] == pytest.approx(np.array(y[:2]) + guess * np.array(y[1:]), rel=1e-14)
     assert run.now[0].evaluations == 1
 
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.documenting.plain_text import COUNTED, equations
+from xdynamics.documenting.plain_text import COUNTED, equations, spectrum_of
 from xdynamics.documenting.summary import as_data
-from xdynamics.evidence.modes import modes
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -77,7 +76,7 @@ def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:
 def _of_model(model: Model) -> dict[str, Any]:
     """Return what `check` tells of a model."""
     try:
-        scales: dict[str, Any] = _everything(modes(model), MODES)
+        scales: dict[str, Any] = _everything(spectrum_of(model), MODES)
     except InputError as error:
         scales = {"kind": MODES, "unknown": str(error)}
     return {

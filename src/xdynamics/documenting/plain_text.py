@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain, groupby
+from operator import itemgetter
+from typing import TYPE_CHECKING
 
 from xdynamics.evidence.modes import modes
-from xdynamics.expressions import Node
+from xdynamics.expressions import Node, size, text_of
 from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError, spoken
+from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
+from xdynamics.kernels.layout import layout_of
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.bodies import scalar_part, vector_part
 from xdynamics.model.body_reading import made_by
 from xdynamics.model.constraint_consistency import implied_at_start
-from xdynamics.model.constraints import conditions
+from xdynamics.model.constraints import Condition, conditions
 from xdynamics.model.controllers import held, limited
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.joints import made_by_joints, tables_of_joint
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Contact, Function
 from xdynamics.model.switches import (
     MANY_POINTS,
     are_too_many,
@@ -30,8 +34,11 @@ from xdynamics.model.switches import (
 )
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
-from xdynamics.shapes.naming import DOT, parted
+from xdynamics.shapes.naming import parted
 from xdynamics.units import unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 COUNTED = (
     "coordinates",
@@ -49,7 +56,12 @@ COUNTED = (
 )
 
 MOST_ELEMENTS = 6  # of one quantity, of which each is told
-_LABELS = re.compile(rf"{DOT}\w+")
+MOST_NODES = 400  # of the expression of an element, which is told as it is written for all if it has more
+MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
+
+Line = tuple[
+    str, Callable[[], str]
+]  # what is said, and of which quantity; many elements are not put into words in vain
 
 
 def lines_of(model: Model) -> Iterator[str]:
@@ -62,19 +74,24 @@ def _lines(model: Model) -> Iterator[str]:
     counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
     counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {counted}; every name is known and every unit fits"
-    yield from _first_elements((*_motion(model), *_occasions(model)))
-    starts = ", ".join(_first_elements(f"{name} = {quantity}" for name, quantity in model.initial.items()))
+    yield from _first_elements(chain(_motion(model), _occasions(model)))
+    starts = ", ".join(
+        _first_elements(
+            (parted(name)[0], partial("{} = {}".format, name, value)) for name, value in model.initial.items()
+        )
+    )
     moved = "; moved from there to where constraints hold" if model.consistent else ""
     yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{moved}"
     yield from _scales(model)
 
 
-def _first_elements(lines: Iterable[str]) -> Iterator[str]:
+def _first_elements(lines: Iterable[Line]) -> Iterator[str]:
     """Yield what is said of the first elements of each quantity, and how many others there are."""
-    for _, group in groupby(lines, lambda line: _LABELS.sub("", line.split(" = ")[0])):
-        said = [*group]
-        rest = len(said) - MOST_ELEMENTS
-        yield from said if rest <= 1 else (*said[:MOST_ELEMENTS], f"… and {rest} more elements")
+    for _, group in groupby(lines, itemgetter(0)):
+        texts = [text for _, text in group]
+        rest = len(texts) - MOST_ELEMENTS
+        yield from (text() for text in (texts if rest <= 1 else texts[:MOST_ELEMENTS]))
+        yield from () if rest <= 1 else (f"… and {rest} more elements",)
 
 
 def at_rest(velocities: Sequence[str]) -> Iterator[str]:
@@ -85,7 +102,7 @@ def at_rest(velocities: Sequence[str]) -> Iterator[str]:
 
 def equations(model: Model) -> Iterator[str]:
     """Print the motion, forces, definitions, rates, events, contacts and frictions of a model, each in a line."""
-    yield from map(spoken, (*_motion(model), *_occasions(model)))
+    yield from (spoken(text()) for _, text in chain(_motion(model), _occasions(model)))
 
 
 def _joined(model: Model) -> dict[str, str]:
@@ -93,48 +110,86 @@ def _joined(model: Model) -> dict[str, str]:
     return {key: name for name, joint in model.joints.items() for key in tables_of_joint(name, joint)["constraints"]}
 
 
-def _motion(model: Model) -> Iterator[str]:
-    joined, bodies = _joined(model), model.shaped.bodies
+def _motion(model: Model) -> Iterator[Line]:
+    joined, bodies, keeping = _joined(model), model.shaped.bodies, conditions(model)
     for i, name in enumerate(model.coordinates):
-        inertia = [
-            f"{_factor(model.statement.mass_entries[i, j])}*{acceleration(other)}"
-            for j, other in enumerate(model.coordinates)
-            if (i, j) in model.statement.mass_entries
-        ]
-        acting = [term for term, components in model.force_components.items() if name in components]
-        keeping = [condition for condition in conditions(model) if name in condition.row]
-        acting += [
-            f"({printed_simply(condition.row[name])})*{constraint_force(condition.name)}"
-            for condition in keeping
-            if parted(condition.name)[0] not in joined
-        ]
-        acting += dict.fromkeys(f"joint {joined[key]}" for part in keeping if (key := parted(part.name)[0]) in joined)
-        yield f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
+        yield f"motion {parted(name)[0]}", partial(_motion_of, model, i, name, keeping, joined)
     for term, components in model.force_components.items():
-        for name, component in components.items():
-            body = (
-                f"{component.name}({', '.join(component.arguments)})"
-                if isinstance(component, Function)
-                else printed_simply(component)
-            )
-            yield f"force     {term} of {name} = {body}"
+        if (whole := _whole_potential(model, term, components)) is not None:
+            yield term, partial("force     {} by the potential {}".format, term, whole)
+            continue
+        for name in components:
+            yield f"force {term} of {parted(name)[0]}", partial(_component, term, name, components)
     for name, solid in bodies.items():
         points = ", ".join(f"{name}_{point}" for point in solid.points)
         named = f"; points {points}" if points else ""
-        yield f"body      {name}: turns, with the attitude {scalar_part(name)}, {vector_part(name)}{named}"
+        attitude = f"turns, with the attitude {scalar_part(name)}, {vector_part(name)}{named}"
+        yield name, partial("body      {}: {}".format, name, attitude)
     made = made_by(bodies, "definitions") | made_by(bodies, "states") | made_by_joints(model.joints, "definitions")
-    for name, definition in model.definitions.items():
+    for name in model.definitions:
         if parted(name)[0] not in made:
-            yield f"with      {name} = {printed_simply(definition)}"
+            yield parted(name)[0], partial(_definition, model, name)
     kept = held(model.controllers, model.time_unit)
-    for name, state in model.states.items():
+    for name in model.states:
         if name not in kept and parted(name)[0] not in made:
-            yield f"rate      of {name} = {printed_simply(state.rate)}"
-    for name, controller in model.controllers.items():
-        waits = [f"{word} {time}" for word, time in (("phase", controller.phase), ("delay", controller.delay)) if time]
-        values = [f"{output} = {printed_simply(limited(part))}" for output, part in controller.outputs.items()]
-        values += [f"{state} = {printed_simply(part.next)}" for state, part in controller.states.items()]
-        yield f"controller {name}: every {controller.every}{''.join(f', {word}' for word in waits)}: {', '.join(values)}"
+            yield parted(name)[0], partial(_rate, model, name)
+    for name in model.controllers:
+        yield name, partial(_controller, model, name)
+
+
+def _motion_of(model: Model, i: int, name: str, keeping: Sequence[Condition], joined: Mapping[str, str]) -> str:
+    masses = model.statement.mass_entries
+    inertia = [
+        f"{_factor(masses[i, j])}*{acceleration(other)}"
+        for j, other in enumerate(model.coordinates)
+        if (i, j) in masses
+    ]
+    acting = [term for term, components in model.force_components.items() if name in components]
+    own = [condition for condition in keeping if name in condition.row]
+    acting += [
+        f"({printed_simply(condition.row[name])})*{constraint_force(condition.name)}"
+        for condition in own
+        if parted(condition.name)[0] not in joined
+    ]
+    acting += dict.fromkeys(f"joint {joined[key]}" for part in own if (key := parted(part.name)[0]) in joined)
+    return f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
+
+
+def _whole_potential(model: Model, term: str, components: Mapping[str, Node | Function]) -> str | None:
+    """Return the potential of a force as it is written, where the force on an element has very many terms."""
+    part, first = model.shaped.forces.get(term), next(iter(components), "")
+    if part is None or part.potential is None or not parted(first)[1]:
+        return None
+    component = components[first]
+    if isinstance(component, Function) or size(component) <= MOST_NODES:
+        return None
+    return text_of(part.potential) + (f" of each {part.over}" if part.over else "")
+
+
+def _component(term: str, name: str, components: Mapping[str, Node | Function]) -> str:
+    component = components[name]
+    body = (
+        f"{component.name}({', '.join(component.arguments)})"
+        if isinstance(component, Function)
+        else printed_simply(component)
+    )
+    return f"force     {term} of {name} = {body}"
+
+
+def _definition(model: Model, name: str) -> str:
+    return f"with      {name} = {printed_simply(model.definitions[name])}"
+
+
+def _rate(model: Model, name: str) -> str:
+    return f"rate      of {name} = {printed_simply(model.states[name].rate)}"
+
+
+def _controller(model: Model, name: str) -> str:
+    controller = model.controllers[name]
+    waits = [f"{word} {time}" for word, time in (("phase", controller.phase), ("delay", controller.delay)) if time]
+    values = [f"{output} = {printed_simply(limited(part))}" for output, part in controller.outputs.items()]
+    values += [f"{state} = {printed_simply(part.next)}" for state, part in controller.states.items()]
+    return f"controller {name}: every {controller.every}{''.join(f', {word}' for word in waits)}: {', '.join(values)}"
 
 
 def _factor(node: Node) -> str:
@@ -142,22 +197,46 @@ def _factor(node: Node) -> str:
     return f"({text})" if " + " in text or " - " in text else text
 
 
-def _occasions(model: Model) -> Iterator[str]:
-    for name, event in model.events.items():
-        body = event.function.name if isinstance(event.function, Function) else printed_simply(event.function)
-        when = f"{body} = 0, {event.direction}" if event.every is None else f"every {event.every}"
-        yield f"event     {name}: {when}: {event.action}{f' to {event.to}' if event.to else ''}"
-    for name, contact in (model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}).items():
-        yield (
-            f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
-            f" {contact.tangential}"
-        )
-    yield from _conditions(model)
-    for name, friction in model.frictions.items():
-        yield (
-            f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
-            f" {printed_simply(friction.kinetic)} while it slips"
-        )
+def _occasions(model: Model) -> Iterator[Line]:
+    for name in model.events:
+        yield f"event {parted(name)[0]}", partial(_event, model, name)
+    contacts = model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}
+    for name in contacts:
+        yield f"contact {parted(name)[0]}", partial(_contact, name, contacts)
+    yield from ((line, partial(str, line)) for line in _conditions(model))
+    for name in model.frictions:
+        yield f"friction {parted(name)[0]}", partial(_friction, model, name)
+    yield from ((line, partial(str, line)) for line in _switches(model))
+
+
+def _event(model: Model, name: str) -> str:
+    event = model.events[name]
+    if isinstance(event.function, Function):
+        body = event.function.name
+    else:
+        whole = None if size(event.function) <= MOST_NODES else model.shaped.events.get(name, event).function
+        body = text_of(whole) if isinstance(whole, Node) else printed_simply(event.function)
+    when = f"{body} = 0, {event.direction}" if event.every is None else f"every {event.every}"
+    return f"event     {name}: {when}: {event.action}{f' to {event.to}' if event.to else ''}"
+
+
+def _contact(name: str, contacts: Mapping[str, Contact]) -> str:
+    contact = contacts[name]
+    return (
+        f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
+        f" {contact.tangential}"
+    )
+
+
+def _friction(model: Model, name: str) -> str:
+    friction = model.frictions[name]
+    return (
+        f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
+        f" {printed_simply(friction.kinetic)} while it slips"
+    )
+
+
+def _switches(model: Model) -> Iterator[str]:
     if are_too_many(model):
         owners = ", ".join(owners_of_switches(model))
         yield f"switches  {count_of_switches(model)} in {owners}: kinks and jumps inside forces, which are stepped over"
@@ -193,12 +272,28 @@ def _conditions(model: Model) -> Iterator[str]:
         yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0{shared}"
 
 
+def spectrum_of(model: Model) -> xr.Dataset:
+    """Return the modes about the start, of a model whose forces have not very many derivatives.
+
+    Raises
+    ------
+    InputError
+        If they have, or the model cannot be linearised at the start.
+    """
+    layout = layout_of(model)
+    if is_compressed(layout) and (count := len(pattern_of(layout).entries)) > MOST_DERIVATIVES:
+        raise InputError(
+            f"the forces have {count} derivatives by the state, more than {MOST_DERIVATIVES}; xd.modes(model) takes its time"
+        )
+    return modes(model)
+
+
 def _scales(model: Model) -> Iterator[str]:
     """Report time scales and suitable steps at the start, or why they are unknown there."""
     steps: dict[str, float] = {}
     second = unit_suffix(model.time_unit)
     try:
-        spectrum = modes(model)
+        spectrum = spectrum_of(model)
     except InputError as error:
         yield f"scales    not known at the start: {error}"
     else:

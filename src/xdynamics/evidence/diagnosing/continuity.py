@@ -147,9 +147,10 @@ def _judge(inside: Inside, places: Rows, largest: Mapping[str, Floats], worst: M
     """
     unit, time = UNIT_OF[precision_of(inside.run.attrs)], np.asarray(inside.run.variables["time"])
     shifts = {block.name: np.zeros((1, *block.shape)) for block in inside.quantities}
-    for k, name in enumerate(largest):
-        numbers = np.arange(largest[name].size).reshape(largest[name].shape)
-        shifts[name] = (unit * largest[name] * (1 - 2 * ((numbers + k) % 2)))[np.newaxis]
+    first = 0
+    for name, size in largest.items():
+        numbers = first + np.arange(size.size).reshape(size.shape)  # of elements, however they are grouped
+        shifts[name], first = (unit * size * (1 - 2 * (numbers % 2)))[np.newaxis], first + size.size
     defects, moved = inside.defects(places, 1), inside.defects(places, 1, shifts)
     solved = np.ones(places.size, bool)
     if inside.settings.method.stepper.has_memory:  # they went on from those of the step before
