@@ -319,7 +319,7 @@ def _tables(run: xr.Dataset) -> list[str]:
     if "model_toml" not in run.variables:
         return []
     try:
-        drives = parsed(str(run["model_toml"].values)).get("drives", {})
+        drives = parsed(str(run["model_toml"].values), recorded=True).get("drives", {})
         return [str(drive["csv"]) for drive in drives.values() if "csv" in drive]
     except (ValueError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model

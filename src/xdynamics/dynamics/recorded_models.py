@@ -18,4 +18,4 @@ def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | No
 @lru_cache(maxsize=16)
 def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]) -> Model:
     """Read a model from its text, cached."""
-    return Model.from_text(text, functions=dict(functions))
+    return Model.from_record(text, functions=dict(functions))

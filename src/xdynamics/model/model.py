@@ -20,7 +20,7 @@ from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
 from xdynamics.model.elements import Elements
-from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, LARGEST_TABLE, FileAccess
+from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.model_trees import ModelTrees
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
@@ -39,8 +39,7 @@ _OF_TREES = (
     "rates",
     "units",
 )  # what does not change with the numbers of a model
-LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
-LARGEST_TEXT = LARGEST_FILE + LARGEST_TABLE  # characters of a text that has its tables in it, as that of a record
+LARGEST_FILE = 20_000_000  # bytes
 
 
 def _named_inside(entries: Any) -> Any:
@@ -147,6 +146,17 @@ class Model(ModelTrees):
             If the text cannot be read, or with every fault of its statement.
         """
         return cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED))
+
+    @classmethod
+    def from_record(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+        """Read a model from the `model_toml` of a record, which may be as long as tables of 10^6 rows are.
+
+        Raises
+        ------
+        ModelError
+            If the text cannot be read, or with every fault of its statement.
+        """
+        return cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
 
     @classmethod
     def from_sympy(cls, equations: Any, **sections: Any) -> Model:
@@ -305,12 +315,11 @@ class Model(ModelTrees):
         return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.shaped.forces) or 'none'}>"
 
     @classmethod
-    def _parsed(cls, text: str, path: Path, functions: Functions | None, access: FileAccess) -> Model:
-        if len(text) > LARGEST_TEXT:
-            raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_TEXT}")
-        text = normal(text)
+    def _parsed(
+        cls, text: str, path: Path, functions: Functions | None, access: FileAccess, *, recorded: bool = False
+    ) -> Model:
         try:
-            statement = parsed(text)
+            statement = parsed(normal(text), recorded=recorded)
         except InputError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:

@@ -11,7 +11,9 @@ from xdynamics.faults import InputError
 from xdynamics.units.rounded import read
 
 MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a thousand bodies have some 6,000
-MOST_VALUES = 2_000_000  # of lists: of a record's model two numbers for each of 10^6 elements
+LARGEST = 20_000_000  # characters
+MOST_VALUES = 500_000  # of lists
+LARGEST_RECORDED, MOST_RECORDED = 70_000_000, 2_000_000  # of the text of a record, which has its tables in it
 DEEPEST_KEY = 8  # names that dots join
 
 # strings and comments, which may contain anything; one that is not closed ends with its line or the file;
@@ -24,8 +26,8 @@ _DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}")
 _SIZES = "; so many numbers belong into a table"
 
 
-def parsed(text: str) -> dict[str, Any]:
-    """Parse TOML, unless it exceeds the limits of a model.
+def parsed(text: str, *, recorded: bool = False) -> dict[str, Any]:
+    """Parse TOML, unless it exceeds the limits of a model, or of a record's.
 
     Raises
     ------
@@ -34,11 +36,11 @@ def parsed(text: str) -> dict[str, Any]:
     tomllib.TOMLDecodeError, RecursionError, ValueError
         If the text is not TOML.
     """
-    check_text(text)
+    check_text(text, recorded=recorded)
     return tomllib.loads(text, parse_float=read)
 
 
-def check_text(text: str) -> None:
+def check_text(text: str, *, recorded: bool = False) -> None:
     """Refuse TOML text larger than any model needs.
 
     Raises
@@ -46,13 +48,16 @@ def check_text(text: str) -> None:
     InputError
         Naming the limit, with the line where that helps.
     """
+    largest, most_values = (LARGEST_RECORDED, MOST_RECORDED) if recorded else (LARGEST, MOST_VALUES)
+    if len(text) > largest:
+        raise InputError(f"it has {len(text)} characters, over the limit of {largest}{_SIZES}")
     bare = _TEXTS.sub(lambda match: "" if match[0][0] == "#" else "s" + "\n" * match[0].count("\n"), text)
     entries = bare.count("=") + bare.count("\n[")
     if entries > MOST_ENTRIES:
         raise InputError(f"it has {entries} entries, over the limit of {MOST_ENTRIES}{_SIZES}")
     values = bare.count(",")
-    if values > MOST_VALUES:
-        raise InputError(f"its lists have {values} values, over the limit of {MOST_VALUES}; put them into tables")
+    if values > most_values:
+        raise InputError(f"its lists have {values} values, over the limit of {most_values}; put them into tables")
     if match := _DEEP.search(bare):
         line = bare.count("\n", 0, match.start()) + 1
         raise InputError(f"line {line}: a key has over {DEEPEST_KEY} names that dots join, the limit")

@@ -237,7 +237,7 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     texts = {text for text in np.ravel(sweep["model_toml"].values).tolist() if isinstance(text, str)}
     if len(texts) != 1:
         raise InputError(f"the sweep is of {len(texts)} models; sweeps of one model alone can be put together")
-    model = Model.from_text(texts.pop(), functions=functions)
+    model = Model.from_record(texts.pop(), functions=functions)
     keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
     if AT_TIME in sweep.variables:
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
