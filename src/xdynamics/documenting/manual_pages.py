@@ -121,9 +121,12 @@ A sweep is a lazy Dataset on its axes' own dimensions, computed by dask's thread
       --axis method=heun,dop853 --rtol 1e-8 -o balls
 Axes are parameters, starts, methods, steps, tolerances, tables; in products, together ({"body":
 {"m": [...], "c": [...]}}) or drawn (xd.Draws). Runs go side by side in vector code, one a lane,
-with steps and events of their own, and every member has the bits that it has alone (check=0.01
-looks). With path= it goes into a folder, on from where it was stopped; open_sweep opens it;
-keep=["log"] keeps each run, and open_logs opens all.
+with steps and events of their own. One after the other go models with contacts or frictions of many
+elements, attitudes, controllers, periodic events, delays, forces in Python or events that read
+tables, runs of 31 digits, by moreau_jean or an implicit method (but radau_iia of few variables),
+and wide ones (over 2,048 numbers a row). Either way every member has the bits that it has alone
+(check=0.01 looks). With path= it goes into a folder, on from where it was stopped; open_sweep opens
+it; keep=["log"] keeps each run, and open_logs opens all.
 xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run.
 Files may be objects, "s3://bucket/run.nc", a grid a Zarr store: `xdynamics help stores`. contrast,
 sensitivities, influences, sobol_indices, convergence and precision say what a grid shows. Of a
