@@ -183,6 +183,9 @@ compare and fit:
                                            missing
 What was read is kept in the model and its archives as a plain table, whose first line says what it
 was made of.
+A table may have 50 MB, some million rows; a model file 20 MB and 500,000 numbers in lists, so that
+more of them belong into tables. The text of a record, or of to_toml, has the tables in it, and may
+have 70 MB and 2,000,000 numbers: Model.from_record reads it.
 Units are spelled as they are found: m/s², m/s^2, µm, °/s, kΩ. Of values in °C 273.15 K is added; of
 uncertainties not.
 """

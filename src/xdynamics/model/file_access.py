@@ -55,7 +55,7 @@ class FileAccess:
         if self.tables == BELOW:
             path = self._below(name)
         try:
-            content = read_bounded(path, LARGEST_TABLE)
+            content = read_bounded(path, LARGEST_TABLE, "; leave out rows, or columns that are not read")
             return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else decoded(content)
         except InputError as error:
             why = str(error)

@@ -40,6 +40,7 @@ _OF_TREES = (
     "units",
 )  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes
+_IN_TABLES = "; keep its numbers in tables beside it; what to_toml wrote is read by Model.from_record"
 
 
 def _named_inside(entries: Any) -> Any:
@@ -123,7 +124,7 @@ class Model(ModelTrees):
         if asked(path, Path.is_dir):
             raise ModelError(f"model file '{path}' is a directory; name the .toml file in it")
         try:
-            text = decoded(read_bounded(path, LARGEST_FILE))
+            text = decoded(read_bounded(path, LARGEST_FILE, _IN_TABLES))
         except OSError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error.strerror or error}") from None
         except InputError as error:
@@ -149,7 +150,7 @@ class Model(ModelTrees):
 
     @classmethod
     def from_record(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
-        """Read a model from the `model_toml` of a record, which may be as long as tables of 10^6 rows are.
+        """Read a model from the `model_toml` of a record, or `to_toml`, which may be as long as tables of 10^6 rows are.
 
         Raises
         ------

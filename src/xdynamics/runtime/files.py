@@ -54,8 +54,16 @@ def kind_of(path: Path) -> str | None:
     return None if stat.S_ISREG(mode) else KINDS.get(stat.S_IFMT(mode), "no regular file")
 
 
-def read_bounded(path: Path, most: int) -> bytes:
+def read_bounded(path: Path, most: int, remedy: str = "") -> bytes:
     """Read a regular file whole.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Bytes that it may have.
+    remedy : str
+        What is to be done with one that has more, for the message.
 
     Raises
     ------
@@ -70,12 +78,12 @@ def read_bounded(path: Path, most: int) -> bytes:
         if not stat.S_ISREG(status.st_mode):
             raise InputError(f"it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no regular file')}")
         if status.st_size > most:
-            raise InputError(f"it has {status.st_size} bytes, over the limit of {most}")
+            raise InputError(f"it has {status.st_size} bytes, over the limit of {most}{remedy}")
         content = bytearray()
         while piece := file.read(_PIECE):  # some files, like those of /proc, are longer than they say
             content += piece
             if len(content) > most:
-                raise InputError(f"it has over {most} bytes, the limit")
+                raise InputError(f"it has over {most} bytes, the limit{remedy}")
     return bytes(content)
 
 
