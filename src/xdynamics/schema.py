@@ -206,6 +206,11 @@ def label_of(dim: str) -> str:
     return f"{dim}_label"
 
 
+def logged_of(dim: str) -> str:
+    """Name the dimension of those elements along another one that a log names."""
+    return f"logged_{dim}"
+
+
 def end_of(relation: str, end: str) -> str:
     """Name the elements at the `first` or `second` end of every link of a relation."""
     return f"{relation}_{end}"

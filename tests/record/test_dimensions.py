@@ -173,13 +173,15 @@ def test_a_longer_run_is_one_run():
 
 @pytest.mark.parametrize("log", ["states", ["r", "v_r[Jupiter, x]"]])
 def test_a_log_of_some_is_completed(log):
-    """Assert that a log of states, or of elements, becomes the whole one; what it left out is nan."""
+    """Assert that a log of states, or of elements, becomes the whole one; elements that it leaves out are not recorded."""
     some = xd.simulate(model(), log=log)
     assert xd.content_digest(xd.complete(some)) == xd.content_digest(run())
     if log != "states":
         assert some.attrs["solver_log_variables"] == "r v_r[Jupiter,x]"
-        assert np.isnan(some.v_r.sel(body="Sun")).all()
-        assert np.array_equal(some.v_r.sel(body="Jupiter", axis="x"), run().v_r.sel(body="Jupiter", axis="x"))
+        assert some.v_r.shape[1:] == (1, 1)
+        assert some.r.shape == run().r.shape
+        kept = some.v_r.sel(logged_body="Jupiter", logged_axis="x")
+        assert np.array_equal(kept, run().v_r.sel(body="Jupiter", axis="x"))
 
 
 def test_tolerances_of_quantities_and_elements():
@@ -226,9 +228,56 @@ def test_single_elements_are_kept_where_nothing_happens(tmp_path):
     assert full.sizes["event"] == 0
     for path in (None, tmp_path / "run.nc"):
         with xd.simulate(model(), until="1e7 s", log=log, path=path) as kept:
+            assert (kept.r.attrs["elements"], kept.v_r.attrs["elements"]) == ("r[Sun,x]", "v_r[Saturn,y]")
+            assert (kept.logged_body.values.tolist(), kept.logged_axis.values.tolist()) == (
+                ["Sun", "Saturn"],
+                ["x", "y"],
+            )
             assert kept.r[:, 0, 0].values.tobytes() == full.r[:, 0, 0].values.tobytes()
-            assert kept.v_r[:, 2, 1].values.tobytes() == full.v_r[:, 2, 1].values.tobytes()
+            assert kept.v_r[:, 1, 1].values.tobytes() == full.v_r[:, 2, 1].values.tobytes()
             assert np.isnan(kept.r[:, 1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("r[Moon, x]", "r\\[Moon, x\\]': dimension 'body' has no element Moon; it has the labels Sun, Jupiter, Saturn"),
+        ("v_r[Sun]", "'v_r' needs a label along each of its dimensions, body, axis, and 1 were given"),
+        ("r[Sun, x, y]", "'r' needs a label along each of its dimensions, body, axis, and 3 were given"),
+        ("rr[Sun, x]", r"log names 'rr\[Sun, x\]', which is no column of this run's log"),
+    ],
+)
+def test_elements_that_are_not_there(name, said):
+    """Assert that an element that cannot be logged is named with what there is."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.simulate(model(), log=["v_r", name])
+
+
+def test_numbered_elements_keep_their_numbers():
+    """Assert that of a dimension without labels the kept elements are selected by their numbers, a step being their size."""
+    text = """
+name = "Masses"
+[dimensions]
+site = 40
+[coordinates]
+u = { unit = "m", dims = ["site"] }
+[parameters]
+m = "1 kg"
+k = { value = "1 + index(site)", unit = "N m-1", dims = ["site"] }
+[mass]
+u = "m"
+[forces.spring]
+u = "-k*u"
+[initial]
+u = "1 m"
+"""
+    asked = {"method": "velocity_verlet", "step": "0.01 s", "until": "1 s"}
+    model = xd.Model.from_text(text)
+    some, full = xd.simulate(model, **asked, log=["u[7]", "u[31]", "v_u[31]"]), xd.simulate(model, **asked)
+    assert some.u.shape == (101, 2)
+    assert some.k.shape == (40,)
+    assert some.u.sel(logged_site=31).values.tobytes() == full.u[:, 31].values.tobytes()
+    assert np.isnan(some.v_u.sel(logged_site=7)).all()
 
 
 @pytest.mark.dear

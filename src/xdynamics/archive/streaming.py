@@ -110,8 +110,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
 
 
 def _define(writer: Writer, spec: Sequence[record.Column], march: March, sizes: Mapping[str, int]) -> None:
-    shapes = march.model.shapes
-    elements = {dim: shapes.extent(dim).size for dim in (*shapes.relations, *shapes.extents)}
+    elements = record.sizes_of(march)
     sizes = {**sizes, **elements}
     if march.settings.compress:
         widths = {

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from xdynamics.record.column import Column
     from xdynamics.record.conformity import faults_of
     from xdynamics.record.folding import check_elements
+    from xdynamics.record.logged_elements import sizes_of
     from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
     from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
     from xdynamics.record.run_identity import (
@@ -52,6 +53,7 @@ _ROOMS = {
     "plain": "variable_attributes",
     "same_settings": "run_identity",
     "shapes_of": "unfolding",
+    "sizes_of": "logged_elements",
     "unfold": "unfolding",
     "whole_of": "unfolding",
 }
@@ -82,6 +84,7 @@ __all__ = [
     "plain",
     "same_settings",
     "shapes_of",
+    "sizes_of",
     "unfold",
     "whole_of",
 ]

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.march import LogBlock
-from xdynamics.model import Model
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.element_attributes import attributes_of_element, attributes_of_whole
 from xdynamics.record.element_names import Names, Whole
@@ -140,9 +139,9 @@ def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) ->
     return [*collected.values()]
 
 
-def dimensions(model: Model) -> list[tuple[Variable, Any]]:
-    """Return the labels of a model's dimensions and the ends of its relations."""
-    shapes, dims = model.shapes, {*model.shapes.relations, *model.shapes.extents}
+def dimensions(shapes: Shapes) -> list[tuple[Variable, Any]]:
+    """Return the labels of dimensions and the ends of relations."""
+    dims = {*shapes.relations, *shapes.extents}
     types = {"U": "U", "i": "i4"}
     return [
         (

@@ -111,7 +111,8 @@ def about_dimensions(shapes: Shapes, dims: set[str]) -> dict[str, tuple[tuple[st
                 parts[end_of(dim, end)] = ((dim,), np.asarray(numbers, np.int32), about | more)
         elif labels := shapes.extents[dim].labels:
             attributes = {"units": "1", "long_name": f"label of the {dim}", "role": LABEL}
-            parts[label_of(dim)] = ((dim,), np.array(labels), attributes)
+            numbered = all(map(str.isdecimal, labels))  # of a dimension without labels, as no label is a number
+            parts[label_of(dim)] = ((dim,), np.array(labels).astype("i4") if numbered else np.array(labels), attributes)
     return parts
 
 
@@ -164,10 +165,16 @@ def _indexed(dim: str, labels: xr.Variable) -> xr.Coordinates:
     import xarray as xr
     from xarray.indexes import PandasIndex
 
-    values = np.asarray(labels).astype(str)
+    values = _label_values(labels)
     index = PandasIndex(pd.Index(values), dim, coord_dtype=values.dtype)
     variable = xr.Variable(labels.dims, values, labels.attrs, fastpath=True)
     return xr.Coordinates._construct_direct(index.create_variables({dim: variable}), {dim: index})  # noqa: SLF001
+
+
+def _label_values(labels: xr.Variable) -> Array:
+    """Return labels as texts, or as the numbers of elements that have none."""
+    values = np.asarray(labels)
+    return values if values.dtype.kind == "i" else values.astype(str)
 
 
 def unlabelled(dataset: xr.Dataset) -> xr.Dataset:
@@ -178,6 +185,6 @@ def unlabelled(dataset: xr.Dataset) -> xr.Dataset:
         if dim in dataset.variables and dataset.variables[dim].attrs.get("role") == LABEL:
             labels = dataset.variables[dim]
             # fastpath: as in `_indexed`
-            plain = xr.Variable(labels.dims, np.asarray(labels).astype(str), labels.attrs, fastpath=True)
+            plain = xr.Variable(labels.dims, _label_values(labels), labels.attrs, fastpath=True)
             dataset = dataset.drop_vars(dim).assign_coords({label_of(dim): plain})
     return dataset

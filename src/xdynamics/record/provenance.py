@@ -33,6 +33,7 @@ from xdynamics.record.circumstances import circumstances
 from xdynamics.record.delays import delays
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import sized
+from xdynamics.record.logged_elements import shapes_of
 from xdynamics.record.run_columns import left_out_tolerances
 from xdynamics.shapes.naming import spoken
 from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
@@ -98,7 +99,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **_located(march),
         **_assumed(march.model),
         **delays(march),
-        **_dimensions(march.model),
+        **_dimensions(march),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_force_samples": "all" if settings.samples else "none",
@@ -255,11 +256,10 @@ def _assumed(model: Model) -> dict[str, str]:
     return {schema.AT_REST: " ".join(at_rest)} if at_rest else {}
 
 
-def _dimensions(model: Model) -> dict[str, str]:
-    """Name the model's dimensions and relations, with their sizes."""
-    shapes = model.shapes
-    dims = {*shapes.relations, *shapes.extents}
-    return {schema.MODEL_DIMENSIONS: sized(shapes, dims)} if dims else {}
+def _dimensions(march: March) -> dict[str, str]:
+    """Name the model's dimensions and relations, with their sizes, and those of elements that the log names."""
+    named = " ".join(filter(None, (sized(own, {*own.relations, *own.extents}) for own in shapes_of(march))))
+    return {schema.MODEL_DIMENSIONS: named} if named else {}
 
 
 def _located(march: March) -> dict[str, Any]:

@@ -12,27 +12,33 @@ from numpy.typing import NDArray
 
 from xdynamics import reaction_names, schema
 from xdynamics.expressions import text_of
-from xdynamics.faults import InputError, few
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import LogBlock, March, Settings
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
-from xdynamics.model.table_keys import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.constraint_columns import of_constraints
 from xdynamics.record.effort_columns import effort_columns
-from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
-from xdynamics.record.element_names import Names, expanded
+from xdynamics.record.element_attributes import attributes_of_whole, of_whole
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.first_order_columns import of_first_order
-from xdynamics.record.folded_columns import NamedColumns, dimensions, folded, parted
+from xdynamics.record.folded_columns import NamedColumns, dimensions, parted
+from xdynamics.record.logged_elements import (
+    check_logged,
+    folded_log,
+    is_by_rows,
+    logged_numbers,
+    shapes_of,
+    wholes_of,
+    with_elements,
+)
 from xdynamics.record.parameter_columns import parameters
 from xdynamics.record.rest_column import rest_column
 from xdynamics.record.switches import passed, shapes_with_switches, side_columns
 from xdynamics.record.written_link_columns import written_link_columns
-from xdynamics.schema import CLOSED_LINKS, SAMPLES, STEPS, Variable
+from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.shapes.blocks import Blocks
@@ -47,7 +53,7 @@ OF_STATES = (*schema.OF_MOTION, "error")
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return folded(_selected(march), shapes_with_switches(march.layout.model))
+    return folded_log(_selected(march), march.settings.log, shapes_with_switches(march.layout.model))
 
 
 def element_columns(march: March) -> list[Column]:
@@ -73,29 +79,17 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
     InputError
         If a name is no column of the log.
     """
-    if any(DOT in name for name in log):  # of some elements
-        available = parted(available, shapes)
-    by_rows = {
-        column.variable.name: column.variable
-        for column in available
-        if column.variable.dims[0] in (STEPS, SAMPLES, CLOSED_LINKS)
-    }
     if not isinstance(log, str):
-        log, quantities = expanded(log, by_rows, shapes), of_wholes(by_rows)
-        for name in log:
-            if name not in by_rows:
-                meant = near(name, quantities).partition("; there are")[0]
-                raise InputError(
-                    f"log names '{name}', which is no column of this run's log{meant}; there are {few(quantities)}"
-                )
+        available = with_elements(available, log, shapes)
+        log = check_logged(log, available, shapes)
     roles = (*ALWAYS, *OF_STATES, schema.LEFT_OVER) if log == STATES else ALWAYS
     if not isinstance(log, str):
         log = (*log, schema.REST_TIME.name, *map(schema.rest, log))  # a number goes with its rest
     return [
         column
         for column in available
-        if (name := column.variable.name) not in by_rows
-        or name in log
+        if not is_by_rows(column)
+        or column.variable.name in log
         or (column.variable.role in roles and column.variable.dims[0] == STEPS)
     ]
 
@@ -134,7 +128,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     if isinstance(march.settings.step, tuple):
         entries.append((schema.in_time(schema.GIVEN_STEP, march.model.time_unit), np.array(march.settings.step)))
     entries += parameters(march.model)
-    entries += dimensions(march.model)
+    entries += [entry for shapes in shapes_of(march) for entry in dimensions(shapes)]
     entries += passed(march)
     names, numbers = march.numbers_at_end()
     entries.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
@@ -309,8 +303,9 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
     last = np.where(following, march.run.atol * layout.sizes(march.settings.scales), given)
     for quantity in layout.used.blocks:
         place = layout.used.place(quantity.name)
-        own = slice(place, place + quantity.size)
-        follows = following[own] & _is_logged(march, quantity)
+        logged = logged_numbers(quantity.name, quantity.size, march)
+        own = place + logged
+        follows = following[own] & _is_logged(march, quantity)[logged]
         if follows.any():
             in_si = last[own] if follows.all() else np.where(follows, last[own], given[own])
             final[quantity.name] = _atol(in_si / float(march.model.units[quantity.first].factor), in_si)
@@ -328,7 +323,7 @@ def _of_wholes(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, d
         return followed
     about = About(march.layout, march.settings.scales, march.settings.tolerances, samples=False)
     final, blocks = dict(followed), {block.name: block for block in march.layout.used.blocks}
-    for whole in Names(march.model.shapes).wholes(elements).values():
+    for whole in wholes_of(elements, march).values():
         members = {}
         for number, name in whole.members.items():
             members[number] = name, final.pop(name, {}) or _tolerance(about, blocks[name], about.units.known[name])

@@ -18,6 +18,7 @@ from xdynamics.record import provenance
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.folding import check_elements
+from xdynamics.record.logged_elements import sizes_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
 from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
@@ -77,9 +78,7 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
 
     Variables along dimensions of no given size are left out, and attributes that are known after the march only.
     """
-    shapes = march.model.shapes
-    elements = {dim: shapes.extent(dim).size for dim in (*shapes.relations, *shapes.extents)}
-    known = {**sizes, BOUNDS: 2, **elements}
+    known = {**sizes, BOUNDS: 2, **sizes_of(march)}
     variables = [column.variable for column in columns(march)]
     filled = [
         (variable, np.zeros([known[dim] for dim in variable.dims], variable.dtype))
@@ -96,9 +95,7 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
 
 def foreseen(march: March) -> xr.Dataset:
     """Return all variables that the record of a march will have, before it begins: a row of zeros of each, and no event."""
-    shapes = march.model.shapes
-    elements = {dim: shapes.extent(dim).size for dim in (*shapes.relations, *shapes.extents)}
-    sizes = dict.fromkeys((STEPS, TRIALS, SAMPLES), 1) | {EVENTS: 0, BOUNDS: 2} | elements
+    sizes = dict.fromkeys((STEPS, TRIALS, SAMPLES), 1) | {EVENTS: 0, BOUNDS: 2} | sizes_of(march)
     filled = [
         (column.variable, np.zeros([sizes.get(dim, 0) for dim in column.variable.dims], column.variable.dtype))
         for column in columns(march)

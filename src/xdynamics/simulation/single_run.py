@@ -141,6 +141,9 @@ def simulate(
     log : {"full", "states"} or list of str
         Which columns to record: all; times, steps, flags, coordinates, velocities, states and their errors; or beside
         times, steps and flags those that are named, ``["x", "total_energy"]``. Events and rejected trials are whole.
+        Of elements, ``["u[3]", "r[Jupiter, x]"]``, these alone are recorded, along dimensions of their own: ``u(step,
+        logged_site)``, ``run.u.sel(logged_site=3)``, where several quantities share the union of their elements, nan for those
+        that were not named. ``site`` keeps its size, for parameters and what is logged whole.
         By default all; of a model with dimensions whose state has over 1,000 numbers the second.
         `complete` adds the rest, to the bits. Of a model with dimensions, energies that are not recorded are not
         computed: one that is not finite ends no march.
