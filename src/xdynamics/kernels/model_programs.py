@@ -203,8 +203,9 @@ def event_rates(layout: Layout) -> Program:
 def _of_wholes(name: str, about: str, layout: Layout, quantities: Iterable[Quantity]) -> Program | None:
     """Write quantities to `z`, one after the other, in loops; None where their elements are to be written out."""
     nests, results, count = _of_states(layout), list[Result](), 0
+    tables = {name for name in layout.model.shaped.drives if layout.model.shapes.dims.get(name)}  # one for each element
     for quantity, dims, tree in quantities:
-        if free_names(tree) & {*layout.model.shaped.drives}:
+        if free_names(tree) & tables:
             return None
         results.append((quantity, dims, tree, Place("z", count)))
         count += math.prod(layout.model.shapes.shape(dims))

@@ -120,6 +120,7 @@ def are_too_many(model: Model) -> bool:
     return len(_hidden(model, MOST_SWITCHES)) > MOST_SWITCHES
 
 
+@lru_cache(maxsize=64)
 def count_of_switches(model: Model) -> str:
     """Return in words how many switches are hidden; of elements they may be a million, and are counted to a hundred."""
     counted = len(_hidden(model, MOST_COUNTED if model.shapes.dims else inf))
@@ -348,7 +349,8 @@ def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], It
 
 
 def _written_out(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
-    return (model.expanded(part) for part in components.values() if not isinstance(part, Function))
+    parts = (components[name] for name in components)  # each when it is asked for: the first may be too many
+    return (model.expanded(part) for part in parts if not isinstance(part, Function))
 
 
 def _rates(model: Model, name: str) -> Iterator[Node]:
@@ -385,6 +387,8 @@ def _of_numbers(node: Call | Along) -> bool:
 
 def _moves(model: Model, function: Node) -> bool:
     """Whether the function of a switch changes along a motion."""
+    if not free_names(function).isdisjoint(_moving(model)):
+        return True
     read = model.reads(function)
     return bool(read & _moving(model)) or (bool(model.delays) and any(map(is_before, read)))
 

@@ -11,9 +11,10 @@ from functools import lru_cache
 
 from xdynamics.expressions import Along, Binary, Call, Name, Node, Number
 from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elements import Elements
 from xdynamics.model.model import Model
-from xdynamics.model.motion import in_regimes
+from xdynamics.model.motion import in_regimes, slope
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.schema import acceleration, force, rate, velocity
@@ -114,11 +115,14 @@ def events_of_wholes(model: Model) -> list[Quantity]:
 
 
 def rates_of_wholes(model: Model, quantities: Iterable[Quantity]) -> list[Quantity]:
-    """Return the time derivatives along the motion of expressions that read no drive."""
+    """Return the time derivatives along the motion of expressions that read no drive with dimensions."""
     shaped, rates = model.shaped, dict[str, Node](t=ONE)
     for name in shaped.coordinates:
         rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
     rates |= {name: Name(rate(name)) for name in shaped.states}
+    for name in shaped.drives:
+        if not model.shapes.dims.get(name):
+            rates[name] = Name(slope(name)) if model.looked_up_at[name] == CLOCK else model.rates[name]
     shapes = shapes_of(model)
     return [(f"_rate_of_{name}", dims, derivative(tree, rates, shapes)) for name, dims, tree in quantities]
 
