@@ -290,7 +290,7 @@ def test_a_checked_model_has_lines_of_its_first_elements() -> None:
     assert start.endswith("… and 24 more elements")
 
 
-BODIES = """
+TOLD_BODIES = """
 name = "bodies"
 dimensions = {{ body = {n}, axis = ["x", "y", "z"] }}
 coordinates.r = {{ unit = "m", dims = ["body", "axis"] }}
@@ -305,11 +305,11 @@ events.far = {{ function = "max(norm(r, axis), body) - 1000*metre" }}
 
 def test_a_checked_model_of_many_bodies_is_told_as_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that forces and functions of very many terms are not written out, nor their derivatives sought."""
-    few = [*lines_of(xd.Model.from_text(BODIES.format(n=3)))]
+    few = [*lines_of(xd.Model.from_text(TOLD_BODIES.format(n=3)))]
     assert sum(line.startswith("force     gravity of r[") for line in few) == 6
     assert any(line.startswith("scales    fastest") for line in few)
     monkeypatch.setattr("xdynamics.documenting.plain_text.modes", pytest.fail)
-    many = [*lines_of(xd.Model.from_text(BODIES.format(n=60)))]
+    many = [*lines_of(xd.Model.from_text(TOLD_BODIES.format(n=60)))]
     assert "force     gravity by the potential -G*m*m/norm(second(r, pair) - first(r, pair), axis) of each pair" in many
     assert "event     far: max(norm(r, axis), body) - 1000*metre = 0, either: record" in many
     assert "the forces have 32400 derivatives by the state, more than 20000" in "\n".join(many)
