@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.evidence.diagnosing.extremes import RULES, SAID
+from xdynamics.evidence.diagnosing.heights import RULES, SAID
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
 from xdynamics.units import SECONDS

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, extreme
+from xdynamics.evidence.diagnosing.extremes import Extreme, between, extreme
+from xdynamics.evidence.diagnosing.heights import LOCATED
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.observables import comparable, observables_of, observe
 from xdynamics.evidence.runs import march

@@ -17,7 +17,8 @@ from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.budgeting.time_reversal import returned
 from xdynamics.elementary.arrays import exp, power
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
+from xdynamics.evidence.diagnosing.extremes import Extreme
+from xdynamics.evidence.diagnosing.heights import INTERPOLATED, SAID
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, SAFETY, observed_orders
 from xdynamics.evidence.refining.judgements import CLOSE, Judged, judge

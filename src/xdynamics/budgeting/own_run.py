@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from xdynamics.budgeting.measurand import Measurand
-from xdynamics.evidence.diagnosing.extremes import RULES
+from xdynamics.evidence.diagnosing.heights import RULES
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.schema import STEPS

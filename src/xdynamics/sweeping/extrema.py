@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, LOCATED, SAMPLED, STATES, beyond
+from xdynamics.evidence.diagnosing.extremes import STATES
+from xdynamics.evidence.diagnosing.heights import INTERPOLATED, LOCATED, SAMPLED, beyond
 from xdynamics.evidence.diagnosing.summits import Summits, crests, humps, summits
 from xdynamics.evidence.observables import rate_tree
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE

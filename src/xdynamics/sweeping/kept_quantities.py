@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, RULES
+from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID
+from xdynamics.evidence.diagnosing.heights import RULES
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observables import is_comparable, is_observable, observables_of
 from xdynamics.faults import InputError, few

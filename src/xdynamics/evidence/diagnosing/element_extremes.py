@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +12,18 @@ from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.evidence.chunks import Chunks, with_roles
 from xdynamics.evidence.diagnosing.extremes import (
-    INTERPOLATED,
-    LOCATED,
     MOST_NAMES,
     MOST_NUMBERS,
-    SAMPLED,
     SOUGHT,
     STATES,
     Functions,
-    beyond,
     extreme_variables,
     numbers_inside,
 )
+from xdynamics.evidence.diagnosing.heights import INTERPOLATED, ElementExtremes, Heights
 from xdynamics.evidence.diagnosing.states_inside import column, parts_of
-from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
+from xdynamics.evidence.diagnosing.summits import Summits
 from xdynamics.evidence.observables import knows_state_rates, state_rates
-from xdynamics.evidence.stored_columns import RowRange
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record.folding import model_dimensions
@@ -39,21 +34,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
-
-
-class ElementExtremes(NamedTuple):
-    """One extreme value of each element, in the order of the record; see `Extreme`.
-
-    Attributes
-    ----------
-    values, times, uncertainties : ndarray, shape (n,)
-    rules : ndarray of int, shape (n,)
-    """
-
-    values: Floats
-    times: Floats
-    rules: Rows
-    uncertainties: Floats
 
 
 def has_many_elements(run: xr.Dataset, model: Model) -> bool:
@@ -84,7 +64,7 @@ def extremes_of_elements(
 
     The rates of these have to be known from states alone; see `knows_state_rates`.
     """
-    found = [_ElementHeights.of(rows, name, sign) for name, sign in wanted]
+    found = [Heights.of(name, sign, int(np.prod(rows.run.variables[name].shape[1:]))) for name, sign in wanted]
     for stretch in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in wanted)):
         for heights in found:
             heights.rise(stretch)
@@ -113,7 +93,7 @@ def extremes_of_elements(
     return settled if inside is None else [*_with_errors(found, settled, inside)]
 
 
-def _begun(rows: Chunks, found: Sequence[_ElementHeights]) -> list[Summits]:
+def _begun(rows: Chunks, found: Sequence[Heights]) -> list[Summits]:
     """Begin the searches of the steps around each hump of each element."""
     near, places = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
     distinct, inverse = np.unique(places, return_inverse=True)
@@ -134,13 +114,13 @@ def _rates(rows: Chunks, near: object, at: dict[str, Floats], times: Floats, num
     return {name: own / float(units[name].factor) for name, own in rates.items()}
 
 
-def _accepted(heights: _ElementHeights, search: Summits) -> ElementExtremes:
+def _accepted(heights: Heights, search: Summits) -> ElementExtremes:
     """Return the best accepted states, and how far parabolas and tangents exceed them."""
     best, above = heights.accepted(), search.open_heights
     return best._replace(uncertainties=np.where(above > best.uncertainties, above, best.uncertainties))
 
 
-def _settled(heights: _ElementHeights, search: Summits) -> ElementExtremes:
+def _settled(heights: Heights, search: Summits) -> ElementExtremes:
     """Return the results of the search where they are better than the best accepted states, which are returned elsewhere."""
     best, sign = heights.accepted(), heights.sign
     better = sign * search.best > sign * best.values
@@ -153,7 +133,7 @@ def _settled(heights: _ElementHeights, search: Summits) -> ElementExtremes:
 
 
 def _with_errors(
-    found: Sequence[_ElementHeights], settled: Sequence[ElementExtremes], inside: Inside
+    found: Sequence[Heights], settled: Sequence[ElementExtremes], inside: Inside
 ) -> Iterator[ElementExtremes]:
     """Yield extremes with the errors of those that are between accepted states by interpolation."""
     members = [np.flatnonzero(result.rules == INTERPOLATED) for result in settled]
@@ -166,105 +146,3 @@ def _with_errors(
             errors = column(states, schema.error(heights.name))[part].reshape(own.size, result.rules.size)
             result.uncertainties[own] = np.abs(errors[np.arange(own.size), own])
         yield result
-
-
-@dataclass
-class _ElementHeights:
-    """The highest rows of each element of a quantity, and its humps, of the parts of a run so far.
-
-    Attributes
-    ----------
-    name : str
-    sign : float
-        1 for the largest values, -1 for the least.
-    best, when, above : ndarray, shape (n,)
-        The largest value times the sign, its time, how far the parabola through it and its neighbours exceeds it.
-    kinds : ndarray of int, shape (n,)
-        What kind of row it is in.
-    members : ndarray of int, shape (k,)
-        The element of each hump.
-    rows, values, times : ndarray, shape (3, k)
-        Of each hump: the row before, its own, the row after; the highest of them where an element has many.
-    """
-
-    name: str
-    sign: float
-    best: Floats
-    when: Floats
-    above: Floats
-    kinds: Rows
-    members: Rows = field(default_factory=lambda: np.zeros(0, np.int64))
-    rows: Rows = field(default_factory=lambda: np.zeros((3, 0), np.int64))
-    values: Floats = field(default_factory=lambda: np.zeros((3, 0)))
-    times: Floats = field(default_factory=lambda: np.zeros((3, 0)))
-
-    @classmethod
-    def of(cls, rows: Chunks, name: str, sign: float) -> _ElementHeights:
-        """Return the heights of a quantity before any row."""
-        size = int(np.prod(rows.run.variables[name].shape[1:]))
-        best, when = np.full((2, size), np.nan)
-        return cls(name, sign, best, when, np.zeros(size), np.full(size, schema.INITIAL, np.int64))
-
-    def accepted(self) -> ElementExtremes:
-        """Return the best accepted states, which parabolas through their neighbours may exceed."""
-        at_event = np.isin(self.kinds, (schema.EVENT_BEFORE, schema.EVENT_AFTER))
-        rules, above = np.where(at_event, LOCATED, SAMPLED), np.where(at_event, 0.0, self.above)
-        return ElementExtremes(self.sign * self.best, self.when.copy(), rules, above)
-
-    def rise(self, part: RowRange) -> None:
-        """Take further rows."""
-        time, count = part.columns["time"], len(part.columns["time"])
-        values = np.ascontiguousarray(part.columns[self.name].reshape(count, -1).T)
-        signed, own = self.sign * values, slice(part.before, part.before + part.count)
-        self._raise(part, values, signed[:, own])
-        every = np.arange(self.best.size + 1) * count
-        rows, members = crests(signed.ravel(), every)
-        inside = (rows - every[members] >= own.start) & (rows - every[members] < own.stop)
-        rows, members = humps(signed.ravel(), np.tile(time, self.best.size), every, rows[inside], members[inside])
-        rows = rows - every[members]
-        here = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, count - 1)])
-        self.rows = np.concatenate([self.rows, part.numbers[here]], axis=1)
-        self.values = np.concatenate([self.values, values[members, here]], axis=1)
-        self.times = np.concatenate([self.times, time[here]], axis=1)
-        self.members = np.concatenate([self.members, members])
-        self._sort()
-
-    def _raise(self, part: RowRange, values: Floats, own: Floats) -> None:
-        """Take the best rows of a part where they are better; `own` has its signed values."""
-        time, elements = part.columns["time"], np.arange(self.best.size)
-        unknown = np.isnan(own)
-        tops = np.argmax(np.where(unknown, -np.inf, own), axis=1)
-        heights = own[elements, tops]
-        tops += part.before
-        for i in np.flatnonzero(~unknown.all(axis=1) & ~(heights <= self.best)).tolist():
-            self.above[i] = beyond(values[i], time, int(tops[i]))
-            self.best[i], self.when[i] = heights[i], time[tops[i]]
-            self.kinds[i] = part.columns["row_kind"][tops[i]]
-
-    def _sort(self) -> None:
-        """Order humps by their elements, as rows go, and keep the highest of each where there are many."""
-        counts = np.bincount(self.members, minlength=self.best.size)
-        kept = np.lexsort((self.rows[1], self.members))
-        if counts.max(initial=0) > MOST_HUMPS:
-            order = np.lexsort((self.rows[1], self.sign * self.values[1], self.members))
-            from_end = np.repeat(np.cumsum(counts), counts) - np.arange(order.size)
-            highest = np.zeros(order.size, bool)
-            highest[order[from_end <= MOST_HUMPS]] = True
-            kept = kept[highest[kept]]
-        self.members = self.members[kept]
-        self.rows, self.values, self.times = self.rows[:, kept], self.values[:, kept], self.times[:, kept]
-
-    def search(self, rates: Floats) -> Summits:
-        """Begin the search of the steps around each hump; rates are those in its three rows."""
-        counts, best = np.bincount(self.members, minlength=self.best.size), self.accepted()
-        return summits(
-            self.sign,
-            best.values.copy(),
-            best.times,
-            self.values.T.ravel(),
-            self.times.T.ravel(),
-            np.concatenate([[0], np.cumsum(3 * counts)]),
-            rates,
-            1 + 3 * np.arange(self.members.size),
-            self.members,
-        )

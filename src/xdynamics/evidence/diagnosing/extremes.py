@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,11 +11,11 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.evidence.chunks import Chunks
+from xdynamics.evidence.diagnosing.heights import INTERPOLATED, RULES, Heights
 from xdynamics.evidence.diagnosing.states_inside import QuantitiesInside, StatesInside, column, parts_of
-from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
+from xdynamics.evidence.diagnosing.summits import Summits
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observed_quantities import widest
-from xdynamics.evidence.stored_columns import RowRange
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.reaction_names import contact_force, friction_force
@@ -31,9 +30,6 @@ Rows = NDArray[np.int64]
 
 STATES = ("coordinate", "velocity", "state")  # roles of what steps integrate
 SOUGHT = (*STATES, "energy", "observable", "force", "reaction", "joint")  # and of everything whose extremes are sought
-SAMPLED, INTERPOLATED, LOCATED = range(3)
-RULES = ("sampled", "interpolated", "located")
-SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
 RULE_SAID = "an accepted state, a state between, or one at an event"
 DOUBT_SAID = "what interpolation may have {} off; the error of the integration is not in it"
 MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
@@ -80,7 +76,7 @@ def extremes(
     16 million numbers; the uncertainty is then no less than how far tangents at accepted states meet above them.
     """
     rows = Chunks.of(run, functions)
-    found = [_Heights(name, sign) for name, sign in wanted]
+    found = [Heights.of(name, sign) for name, sign in wanted]
     for part in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in wanted)):
         for heights in found:
             heights.rise(part)
@@ -121,64 +117,8 @@ def extremes(
     return results
 
 
-@dataclass
-class _Heights:
-    """The highest rows of one quantity, and its humps, of the parts of a run so far.
-
-    Attributes
-    ----------
-    name : str
-    sign : float
-        1 for the largest values, -1 for the least.
-    best : (float, float, int)
-        The largest value times the sign, its time, and what kind of row it is in.
-    above : float
-        How far the parabola through it and its neighbours exceeds it.
-    rows, values, times : ndarray, shape (3, k)
-        Of each hump: the row before, its own, the row after; the highest of them where there are many.
-    """
-
-    name: str
-    sign: float
-    best: tuple[float, float, int] = (np.nan, np.nan, schema.INITIAL)
-    above: float = 0.0
-    rows: Rows = field(default_factory=lambda: np.zeros((3, 0), np.int64))
-    values: Floats = field(default_factory=lambda: np.zeros((3, 0)))
-    times: Floats = field(default_factory=lambda: np.zeros((3, 0)))
-
-    def accepted(self) -> Extreme:
-        """Return the best accepted state, which a parabola through its neighbours may exceed."""
-        top, time, kind = self.best
-        at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
-        rule, above = (LOCATED, 0.0) if at_event else (SAMPLED, self.above)
-        return Extreme(self.sign * top, time, rule, above)
-
-    def rise(self, part: RowRange) -> None:
-        """Take further rows."""
-        values, time = part.columns[self.name], part.columns["time"]
-        signed, own = self.sign * values, slice(part.before, part.before + part.count)
-        if not np.isnan(signed[own]).all():
-            top = part.before + int(np.nanargmax(signed[own]))
-            if not signed[top] <= self.best[0]:
-                self.best = float(signed[top]), float(time[top]), int(part.columns["row_kind"][top])
-                self.above = beyond(values, time, top)
-        every = np.array([0, len(time)])
-        rows, members = crests(signed, every)
-        inside = (rows >= own.start) & (rows < own.stop)
-        rows, _ = humps(signed, time, every, rows[inside], members[inside])
-        here = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
-        self.rows = np.concatenate([self.rows, part.numbers[here]], axis=1)
-        self.values, self.times = (
-            np.concatenate(pair, axis=1) for pair in ((self.values, values[here]), (self.times, time[here]))
-        )
-        if self.rows.shape[1] > MOST_HUMPS:
-            highest = np.lexsort((self.rows[1], self.sign * self.values[1]))[-MOST_HUMPS:]
-            kept = np.sort(highest)
-            self.rows, self.values, self.times = self.rows[:, kept], self.values[:, kept], self.times[:, kept]
-
-
 def _begun(
-    rows: Chunks, quantities: QuantitiesInside, found: Sequence[_Heights], places: Rows
+    rows: Chunks, quantities: QuantitiesInside, found: Sequence[Heights], places: Rows
 ) -> list[tuple[Extreme, Summits]]:
     """Return the best accepted states, and the searches of the steps around each hump, whose rows are at these places."""
     sizes = [heights.rows.size for heights in found]
@@ -194,33 +134,25 @@ def numbers_inside(model: Model) -> int:
     return 2 * len(model.units) + widest(model)
 
 
-def _search(rows: Chunks, heights: _Heights, rates: Floats) -> tuple[Extreme, Summits]:
+def _search(rows: Chunks, heights: Heights, rates: Floats) -> tuple[Extreme, Summits]:
     """Return the best accepted state, and the search of the steps around each hump; without rates where none are known."""
-    name, sign = heights.name, heights.sign
-    best = heights.accepted()._replace(uncertainty=0.0)
-    values, times = heights.values, heights.times
-    if rows.run.variables[name].attrs["role"] not in STATES and (rows.model.python_functions or rows.model.delays):
-        best = heights.accepted()
-        values, times = values[:, :0], times[:, :0]
-    # the rows of a hump, one after the other
-    middles = 1 + 3 * np.arange(values.shape[1])
-    search = summits(
-        sign,
-        np.array([best.value]),
-        np.array([best.time]),
-        values.T.ravel(),
-        times.T.ravel(),
-        np.array([0, values.size]),
-        rates.reshape(values.shape) if rates.size else None,
-        middles,
-        np.zeros(middles.size, np.int64),
-    )
-    return best, search
+    if rows.run.variables[heights.name].attrs["role"] not in STATES and (
+        rows.model.python_functions or rows.model.delays
+    ):
+        return _best(heights), heights.without_humps().search(None)
+    known = rates.reshape(heights.values.shape) if rates.size else None
+    return _best(heights)._replace(uncertainty=0.0), heights.search(known)
 
 
-def _accepted(heights: _Heights, search: Summits) -> Extreme:
-    """Return the best accepted state, and how far parabola and tangents exceed it."""
+def _best(heights: Heights) -> Extreme:
+    """Return the best accepted state, which a parabola through its neighbours may exceed."""
     best = heights.accepted()
+    return Extreme(float(best.values[0]), float(best.times[0]), int(best.rules[0]), float(best.uncertainties[0]))
+
+
+def _accepted(heights: Heights, search: Summits) -> Extreme:
+    """Return the best accepted state, and how far parabola and tangents exceed it."""
+    best = _best(heights)
     return best._replace(uncertainty=max(best.uncertainty, float(search.open_heights[0])))
 
 
@@ -244,18 +176,6 @@ def between(
     quantity = QuantitiesInside(run, model, [name], [_factor(run, name)])
     values = quantity.values(states, states.variables)
     return values[0], quantity.errors(states, values)[0]
-
-
-def beyond(values: Floats, time: Floats, row: int) -> float:
-    """Return how far the parabola through an extreme row and its neighbours exceeds it; 0 at either end."""
-    if not 0 < row < len(values) - 1:
-        return 0.0
-    before, after = time[row] - time[row - 1], time[row + 1] - time[row]
-    if not (before > 0.0 and after > 0.0):
-        return 0.0
-    left, right = (values[row] - values[row - 1]) / before, (values[row + 1] - values[row]) / after
-    bend, slope = (right - left) / (before + after), (left * after + right * before) / (before + after)
-    return float(slope**2 / abs(4.0 * bend)) if bend else 0.0
 
 
 def sought(run: xr.Dataset, model: Model) -> list[str]:
