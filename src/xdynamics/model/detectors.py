@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -183,7 +183,13 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
         return detector.event.unit.dimension if detector.event.unit else NONE
     if detector.role == LINKS:
         return dimension_of(model.assemblies[detector.name].gap, model.dimensions)
-    return dimension_of(detector.function, model.dimensions | reaction_dimensions(model) | delayed_dimensions(model))
+    return dimension_of(detector.function, _known_dimensions(model))
+
+
+@lru_cache(maxsize=8)
+def _known_dimensions(model: Model) -> Mapping[str, Dimension]:
+    """Return the dimensions of all that functions of detectors name, put together once for many detectors."""
+    return model.dimensions | reaction_dimensions(model) | delayed_dimensions(model)
 
 
 @lru_cache(maxsize=64)
