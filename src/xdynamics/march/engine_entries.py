@@ -16,7 +16,7 @@ from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.inside_errors import judge_inside
-from xdynamics.march.log import begin_anew, events_fit
+from xdynamics.march.log import begin_anew, events_fit, is_empty
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import enter_past
 from xdynamics.march.perturbation import follow
@@ -100,7 +100,7 @@ def march_many(
             march_by(march_at, address, END)
             keep_last(run, lasts, k)
             if now.status == RUNNING:
-                if kept or not events_fit(run):
+                if kept or not events_fit(run) or is_empty(run):
                     return k
                 begin_anew(run)
         ends[k] = run.now[0]

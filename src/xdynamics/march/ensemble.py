@@ -15,9 +15,9 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.engine import NoMemoryError, engine
-from xdynamics.march.ensemble_part import EnsemblePart, copied, inputs_of, log_of_many
+from xdynamics.march.ensemble_part import EnsemblePart, emptied, inputs_of, log_of_many
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, Room, allocate
+from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
@@ -285,22 +285,17 @@ def _march(
 ) -> EnsemblePart:
     if may_slide(*member) or member[0].delays:
         return march_watched(*member, law, inputs, logs=logs)
-    n, first = len(inputs[0]), 0
+    n, first, reached = len(inputs[0]), 0, None
     part = EnsemblePart.of(n, law, inputs[2])
     while True:
         first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, part.passed, first, logs)
-        part.logs.append(_emptied(run, log, logs=logs))
+        part.logs.append(emptied(run, log, logs=logs))
         if first == n:
             return part
-
-
-def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
-    """Copy what is kept out of the log, and have it filled from its beginning."""
-    now, base = run.now[0], log.base[0]
-    rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
-    kept = copied(log, rows, events)
-    log.follow(*(int(now[count]) for count in LOG_COUNTS))
-    return kept
+        now = run.now[0]
+        before, reached = reached, (first, float(now.t), int(now.rows), int(now.trials), int(now.events))
+        if reached == before:  # else it would be emptied for ever
+            raise RuntimeError(f"at t = {reached[1]!r} s: the empty log has no room for a step of run {first} of {n}")
 
 
 def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:

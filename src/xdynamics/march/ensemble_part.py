@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
 from xdynamics.march.initial_run import floor_of, widened
-from xdynamics.march.log import Log, allocate, is_wide
+from xdynamics.march.log import LOG_COUNTS, Log, allocate, is_wide
 from xdynamics.march.run import NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -94,3 +94,12 @@ def copied(log: Log, rows: int, events: int) -> Log:
         log.rates[:, :events].copy(),
         log.impulses[:, :events].copy(),
     )
+
+
+def emptied(run: Run, log: Log, *, logs: bool) -> Log:
+    """Copy what is kept out of the log, and have it filled from its beginning."""
+    now, base = run.now[0], log.base[0]
+    rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
+    kept = copied(log, rows, events)
+    log.follow(*(int(now[count]) for count in LOG_COUNTS))
+    return kept

@@ -147,6 +147,13 @@ def events_fit(run: Run) -> bool:
 
 
 @shared
+def is_empty(run: Run) -> bool:
+    """Whether it has neither rows nor rejected trials since it was emptied."""
+    now, base = run.now[0], run.base[0]
+    return bool(now.rows == base.rows and now.trials == base.trials)
+
+
+@shared
 def begin_anew(run: Run) -> None:
     """Have the log overwritten, but for events."""
     now, base = run.now[0], run.base[0]
