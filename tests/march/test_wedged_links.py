@@ -1,5 +1,7 @@
 """Links that slide and wedge, so that no forces exist: slow slips are stopped by an impulse, fast ones end the run.
 
+A bounce that is low, and would wedge were it skipped, is not: the link lands, and that impact stops the slip.
+
 A rod whose lower end slides on a rough floor (P. Painlevé, C. R. Acad. Sci. 121, 1895, 112): with friction above
 (1 + 3 cos² theta)/(3 sin theta cos theta) the floor would have to press ever more.
 """
@@ -14,6 +16,7 @@ from cases.plain import made_by_hand, plain
 from xdynamics.march.assembly.broad_phase import NEEDED, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF, TALLIES
 from xdynamics.march.assembly.slip_stops import check_cone
 from xdynamics.march.assembly.touching import DRAGS, ENDED, FORCE, HALTED, NUMBERS, STATIC
+from xdynamics.schema import IMPACT
 
 RODS = """
 name = "rods on a rough floor"
@@ -80,6 +83,22 @@ def test_a_fast_slip_that_wedges_ends_the_run() -> None:
     run = xd.simulate(xd.Model.from_text(RODS.format(mu=1.8, slip=1.0)))
     assert run.run_outcome == "contact_undetermined"
     assert "forces" in run.run_outcome_text
+
+
+def test_a_low_bounce_that_would_wedge_is_not_skipped() -> None:
+    """Assert that ends that leave at 0.1 mm/s, which would wedge on the floor, land 2 v/g later, and stick by that impact."""
+    text = RODS.format(mu=1.8, slip=1.0)
+    text = text.replace("v_x =", 'v_y = "1e-4*metre/second"\nv_x =')
+    run = xd.simulate(xd.Model.from_text(text))
+    assert run.run_outcome == "completed"
+    strikes = run.event_kind.values == IMPACT
+    assert np.count_nonzero(strikes) == 30
+    assert run.event_time.values[strikes] == pytest.approx(np.full(30, 2e-4 / 9.80665), rel=1e-9)
+    pressing, rubbing = np.linalg.solve([[1.6, -1.2], [-1.2, 3.4]], [1e-4, 1.0])
+    assert rubbing < 1.8 * pressing  # so that ends stick
+    turned = 6.0 * (np.sin(ANGLE) * rubbing - np.cos(ANGLE) * pressing)
+    after = run.isel(step=run.event_row_after.values[strikes])
+    assert after.v_theta.values == pytest.approx(np.full((30, 30), turned), rel=1e-9)
 
 
 def test_links_beside_one_that_wedges_slide_on() -> None:

@@ -43,6 +43,7 @@ from xdynamics.march.assembly.touching import (
     AFTER,
     BEFORE,
     BOUNCE,
+    BOUNCES,
     BROKEN,
     CANDIDATE,
     DRAGS,
@@ -110,10 +111,27 @@ def note_speeds(run: Run) -> None:
 
 @shared
 def find_forces(run: Run) -> bool:
-    """Solve for forces; where there are none, of links that grip where a grip has just broken, or whose slip is halted."""
+    """Solve for forces; where there are none, with grips that have just broken held, low bounces not skipped, slips halted."""
     if solve_forces(run) or (hold_breaks(run) and solve_forces(run)):
         return True
+    while let_bounce(run):
+        if solve_forces(run):
+            return True
     return halt_slips(run) and solve_forces(run)
+
+
+@shared
+def let_bounce(run: Run) -> bool:
+    """Let the highest of the bounces go on that were to be skipped: with its link held the others may wedge; whether one does."""
+    highest, best = 0.0, -1
+    for a in range(run.tallies[TOGETHER]):
+        rate = rate_of(run, a)
+        if run.touching[a, SKIPS] == 1.0 and rate > run.touching[a, SLACK] and rate * rate > highest * falling(run, a):
+            highest, best = rate * rate / falling(run, a), a
+    if best >= 0:
+        run.touching[best, ACTS], run.touching[best, SKIPS], run.touching[best, BOUNCES] = 0.0, 0.0, 1.0
+        run.spans[STRAIN] = 0.0
+    return best >= 0
 
 
 @shared
@@ -161,7 +179,7 @@ def skip_bounces(run: Run) -> bool:
     any_settles = False
     for a in range(run.tallies[TOGETHER]):
         rate, fall = rate_of(run, a), -run.touching[a, AFTER]
-        waits = run.touching[a, ACTS] == 0.0 and run.touching[a, LIFTS] == 0.0
+        waits = run.touching[a, ACTS] + run.touching[a, LIFTS] + run.touching[a, BOUNCES] == 0.0
         if waits and rate > 0.0 and fall > NOISE * falling(run, a) and is_low(run, a, rate, fall):
             share = 1.0 - run.touching[a, BOUNCE]  # by which each remaining bounce is shorter than the last
             run.touching[a, LASTS] = 2.0 * rate / fall / share if share > 0.0 else inf

@@ -40,7 +40,8 @@ PULL, TOTAL_PULL, DRAGS, SLIP_AFTER, GRIPPED, GRIPS = range(31, 37)
 # friction of a grip that has just broken, and why its slip is stopped if it is
 GIVES_BACK, ACROSS, BROKEN, HALTED = range(37, 41)
 GOES_ON = 41  # whether a slip is not to be stopped, as it would go on
-NUMBERS = 42  # of a link that touches
+BOUNCES = 42  # whether a bounce is not skipped though it is low, as no forces exist with its link held
+NUMBERS = 43  # of a link that touches
 WEDGED, ENDED = 1.0, 2.0  # why a slow slip is stopped: no forces exist while it lasts, or friction ends it so soon
 OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
 
@@ -143,7 +144,7 @@ def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
     numbers[a, CANDIDATE], numbers[a, GAP], numbers[a, SLACK], numbers[a, OWN] = k, gap, slack, own
     numbers[a, BOUNCE], numbers[a, TOTAL], numbers[a, LOST] = pattern.links[0].coefficient, 0.0, 0.0
     numbers[a, BIAS], numbers[a, GIVES_BACK] = pattern.links[0].free, 0.0
-    numbers[a, SKIPS], numbers[a, LASTS], numbers[a, TAKEN] = 0.0, 0.0, 0.0
+    numbers[a, SKIPS], numbers[a, LASTS], numbers[a, TAKEN], numbers[a, BOUNCES] = 0.0, 0.0, 0.0, 0.0
     moved = pattern.links[0].rate  # by time alone
     for i in range(assembly.coordinates):
         moved -= pattern.directions[0, i] * pattern.z[assembly.leaves + i]
