@@ -61,6 +61,7 @@ CONTACT_STATES = ("open", "settling", "closed")
 OPEN, SETTLING, CLOSED = range(len(CONTACT_STATES))
 FRICTION_STATES = ("open", "sticking", "slipping_forward", "slipping_backward")
 LOOSE, STICKING, FORWARD, BACKWARD = range(len(FRICTION_STATES))
+LINK_STATES = ("frictionless", *FRICTION_STATES[1:])  # of a closed link of many, along its slip
 
 ENERGIES = {
     "kinetic_energy": "kinetic energy v.M.v/2",

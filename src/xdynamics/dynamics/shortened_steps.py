@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from xdynamics import record, schema
 from xdynamics.dynamics.accepted_times import AcceptedTimes, located
 from xdynamics.dynamics.left_out_rows import check_steps_meet, slack
+from xdynamics.dynamics.recorded_links import RowLinks, links_read, row_links
 from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.stacked_columns import blockwise, stacked
 from xdynamics.elementary import kept_set
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
@@ -192,8 +194,11 @@ class Inside:
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
         """Gather the states of the steps, and evaluate them at times."""
-        where = np.stack([times, starts, ends])
-        return self.described(times, rows, _blockwise(self._evaluated, where, self._columns(rows), self._height))
+        where = np.stack([times, starts, ends, rows])
+        found = blockwise(
+            self._evaluated, where, self._columns(rows), self._height, lambda: self._links, self._links_later
+        )
+        return self.described(times, rows, found)
 
     def blank(self, count: int) -> xr.Dataset:
         """Return what `dataset` gives at so many times, without its values."""
@@ -261,26 +266,44 @@ class Inside:
         wanted = step_columns(self.model, self.settings, rows, following, names)
         return [self.run.variables[name].isel({STEPS: chosen}) for name, chosen in wanted]
 
-    def _evaluated(self, where: Floats, columns: Floats, *, judged: bool = True, rests: Floats | None = None) -> Floats:
+    @cached_property
+    def _links(self) -> RowLinks | None:
+        return row_links(self.model, links_read(self.run, self.model))
+
+    def _links_later(self) -> Any:
+        from dask.delayed import delayed
+
+        return delayed(row_links)(self.model, links_read(self.run, self.model))
+
+    def _evaluated(
+        self,
+        where: Floats,
+        columns: Floats,
+        links: RowLinks | None,
+        *,
+        judged: bool = True,
+        rests: Floats | None = None,
+    ) -> Floats:
         """Evaluate states and, if they are to be judged, their errors.
 
-        Rows of `where` are wanted time, start and end; of `columns` step, regime, contacts, the state at its start and
+        Rows of `where` are wanted time, start, end, and row; of `columns` step, regime, contacts, the state at its start and
         perhaps at its end.
         """
         every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run.variables["time"].attrs["units"]))
-        check_steps_meet(where, columns[0], slack(self.run), unit, every)
+        check_steps_meet(where[:3], columns[0], slack(self.run), unit, every)
         reintegrated = self.rule == REINTEGRATE
         return states_within(
             self.model,
             self.settings,
             self.law,
-            where,
+            where[:3],
             columns,
             self._factors,
             reintegrated=reintegrated,
             judged=judged,
             past=self._past if self.model.delays else None,
             rests=rests,
+            links=None if links is None else links.at(where[3]),
         )
 
     @cached_property
@@ -308,7 +331,7 @@ class Inside:
         `shifts`, shape (k, ...) or (1, ...), are added to what the parts start from: to the rests where numbers have such.
         """
         time, used, rests = np.asarray(self.run["time"]), self.layout.used, None
-        columns = _stacked(self._columns(rows))
+        columns, links = stacked(self._columns(rows)), self._links
         n, first, doubled = len(used), 3 + self._touching, self.layout.is_doubled
         start, end = time[rows], time[rows + 1]
         if shifts is not None:
@@ -323,16 +346,16 @@ class Inside:
             if doubled and high is end:  # as the march had it, which is not what the float is written as
                 rests = np.asarray(self.run.variables[schema.REST_TIME.name])[rows + 1]
             steps = columns if doubled else columns[: first + n]
-            found = self._evaluated(np.stack([high, low, high]), steps, judged=False, rests=rests)
+            found = self._evaluated(np.stack([high, low, high, rows]), steps, links, judged=False, rests=rests)
             inner, columns[2] = found[:n], schema.STEP  # only the first part follows an event
             if doubled:
                 columns[first + n : first + 2 * n] = found[2 * n :]
                 columns[first + 2 * n] = [rest_of_time(time) for time in high.tolist()]
         names, place = [quantity.name for quantity in self.quantities], self.layout.used.place
-        defects = _stacked([self.run.variables[name][rows + 1] for name in names]) - inner
+        defects = stacked([self.run.variables[name][rows + 1] for name in names]) - inner
         if doubled:
             defects += (
-                _stacked([self.run.variables[schema.rest(name)][rows + 1] for name in names])
+                stacked([self.run.variables[schema.rest(name)][rows + 1] for name in names])
                 - columns[first + n : first + 2 * n]
             )
         return {quantity.name: _along(defects, place(quantity.name), quantity) for quantity in self.quantities}
@@ -369,26 +392,6 @@ def step_columns(
 
 
 _KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_digest", "force_digest", "content_digest")
-
-
-def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:
-    """Apply a function to stacked columns, lazily where they are lazy."""
-    if not any(column.chunks for column in columns):
-        return function(where, _stacked(columns))
-    import dask.array
-
-    da: Any = dask.array  # its functions are not typed
-
-    data = [da.asarray(column.transpose(STEPS, ...).data) for column in columns]
-    stacked = da.concatenate([part.reshape(len(part), -1).T for part in data]).rechunk({0: -1})
-    places = da.from_array(where, chunks=(len(where), stacked.chunks[1]))
-    return da.map_blocks(function, places, stacked, dtype=float, chunks=((height,), stacked.chunks[1]))
-
-
-def _stacked(columns: list[Any]) -> Floats:
-    """Return the numbers of some variables along `step`, a row for each of their elements."""
-    parts = [np.asarray(column.transpose(STEPS, ...)) for column in columns]
-    return np.concatenate([part.reshape(len(part), -1).T for part in parts])
 
 
 def _along(numbers: Any, first: int, quantity: Block) -> Any:

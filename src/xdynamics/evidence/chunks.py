@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.dynamics.recorded_links import renumbered
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.remembered_results import most_megabytes
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
@@ -97,7 +98,8 @@ class Chunks(StoredColumns):
         kept = {name: self.run.variables[name] for name in self._kept}
         columns = {name: (own.dims, self.at(name, wanted), own.attrs) for name, own in kept.items()}
         others = {name: variable for name, variable in self.run.variables.items() if STEPS not in variable.dims}
-        return xr.Dataset(others | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
+        renewed = renumbered(self.run, wanted)
+        return xr.Dataset(others | renewed | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
 
     def whole(self, run: xr.Dataset) -> xr.Dataset:
         """Return a record of some of the variables in memory; those that are kept are not read again."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,21 @@ from xdynamics.units import TIME
 Floats = NDArray[np.float64]
 
 
+class ListedLinks(NamedTuple):
+    """Closed links of many at the starts of steps.
+
+    Attributes
+    ----------
+    spans : ndarray, shape (2, k)
+        Where those of each step begin in `listed`, and how many there are.
+    listed : ndarray of int, shape (2, c)
+        Number of each link among those of all contacts, and what it does along its slip.
+    """
+
+    spans: Floats
+    listed: NDArray[np.int64]
+
+
 def states_within(
     model: Model,
     settings: Settings,
@@ -40,6 +56,7 @@ def states_within(
     runs: NDArray[np.int64] | None = None,
     past: Past | None = None,
     rests: Floats | None = None,
+    links: ListedLinks | None = None,
 ) -> Floats:
     """Evaluate states inside steps, and the distance of each from a more accurate one.
 
@@ -68,6 +85,8 @@ def states_within(
         Of a run with delayed values: its steps, as `past_of` makes them.
     rests : ndarray, shape (k,), s, optional
         Of the wanted times, where numbers are sums of two; by default of the decimal numbers that they are written as.
+    links : ListedLinks, optional
+        By default closed links of many are found from the states at the starts, as a march does that begins there.
 
     Returns
     -------
@@ -83,7 +102,8 @@ def states_within(
     if not moving.size:
         return _at_rest(columns, n, doubled=doubled)
     owners = np.zeros(times.size) if runs is None else runs
-    steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *states])
+    spans, listed = links or ListedLinks(np.full((2, times.size), -1.0), np.zeros((2, 0), np.int64))
+    steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *spans, *states])
     if doubled:
         left = [rest_of_time(time) for time in times.tolist()] if rests is None else rests
         steps = np.vstack([steps, columns[2 * n], left])
@@ -99,7 +119,7 @@ def states_within(
     chosen = moving if moving.size < times.size else slice(None)  # which copies nothing
     inputs = [np.ascontiguousarray(array[:, chosen]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
-    engine().states_inside(run, run_parameters, *inputs, inner, reintegrated, judged)
+    engine().states_inside(run, run_parameters, *inputs, listed, inner, reintegrated, judged)
     if doubled:
         inner = _recorded(model, law.layout, inner)
     else:

@@ -124,7 +124,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         (
             (loop.march, returning(NOTHING, INTEGER, INTEGER)),
             (engine_entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
-            (engine_entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 5, FLAG, FLAG)),
+            (engine_entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 4, _LISTS, _BLOCK, FLAG, FLAG)),
             (engine_entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
             (engine_entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
             (row_search.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),

@@ -11,6 +11,7 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
+from xdynamics.march.assembly.closed_links import recall_closed
 from xdynamics.march.calls import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.implicit.newton import newton_step
@@ -26,6 +27,7 @@ from xdynamics.march.run import (
     CONTACT_PHASE,
     EVENT_PHASE,
     FIND_CLOSED,
+    GO_ON,
     INFORM,
     KEPT,
     PIECE,
@@ -175,6 +177,7 @@ def states_inside(
     steps: Floats,
     states: Floats,
     ends: Floats,
+    closed: Whole,
     found: Floats,
     reintegrated: bool,
     judged: bool,
@@ -187,13 +190,16 @@ def states_inside(
         Of a `Run`.
     parameters : ndarray, shape (r, …)
         Of each run that steps belong to; if empty, all belong to one run, which has its parameters already.
-    steps : ndarray, shape (7 + m, k) or (9 + m, k)
+    steps : ndarray, shape (9 + m, k) or (11 + m, k)
         For each time: start and end of its step, step size, the time, the run, the regime, whether the step begins
-        after an event, the state of each of m reactions; where numbers are sums of two, the rests of start and time.
+        after an event, where its closed links begin and how many there are (-1: to be found), the state of each of m
+        reactions; where numbers are sums of two, the rests of start and time.
     states : ndarray, shape (n, k)
         The state at the start.
     ends : ndarray, shape (n or 0, k)
         The state at the end, of a method that does not reach it twice by the same iterations.
+    closed : ndarray of int, shape (2, c)
+        Number of each closed link, and what it does along its slip.
     found : ndarray, shape (2*n, k)
         Filled: the state, and its distance from two steps of half the length, extrapolated; nan where equations were
         not solved.
@@ -213,12 +219,13 @@ def states_inside(
         s = (time - t) / (t1 - t)  # h is not t1 - t to the bit, and at t1 the step has to be the whole one
         run.now[0].regime, run.now[0].step = np.int64(steps[5, k]), h
         for i in range(run.touches.shape[0]):
-            run.touches[i].state = np.int64(steps[7 + i, k])
+            run.touches[i].state = np.int64(steps[9 + i, k])
         rest, left = 0.0, 0.0
         if run.plan[0].doubled > 0:
             rest, left = steps[steps.shape[0] - 2, k], steps[steps.shape[0] - 1, k]
         run.now[0].rest = rest
-        enter(run, t, states, k, steps[6, k] != 0.0)
+        known = recall_closed(run, closed, np.int64(steps[7, k]), np.int64(steps[8, k]))
+        enter(run, t, states, k, steps[6, k] != 0.0, known)
         begun, run.now[0].status = run.now[0].status == RUNNING, RUNNING  # whether closed links were found
         solved = shorter(run, t, time, s * h, left) and begun
         for i in range(n):
@@ -311,14 +318,20 @@ def slopes_at(run: Run, states: Floats, k: int) -> None:
 
 
 @shared
-def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
-    """Set the run to the start of a step: on the far side of any change, and after an event with contacts settled."""
+def enter(run: Run, t: float, states: Floats, k: int, behind: bool, known: bool) -> None:
+    """Set the run to the start of a step: on the far side of any change, and after an event with contacts settled.
+
+    Closed links of many are known, or found as a march does that begins there: not as one does that has come there, which
+    has seen where slips began, and how fast links met.
+    """
     for i in range(run.y.shape[0]):  # no rounding is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
+    if known:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, t, GO_ON)
     enter_here(run, t)
     if behind and run.plan[0].reactions > 0:
         entered_by(run.functions[CONTACT_PHASE], run, t, SETTLE)
-    if run.plan[0].assemblies > 0:
+    if run.plan[0].assemblies > 0 and not known:
         entered_by(run.functions[ASSEMBLY_PHASE], run, t, FIND_CLOSED)
         evaluate(run, t, run.y)
 

@@ -25,7 +25,9 @@ _WIDE = 100  # columns from which huge pages pay: a row then spans more pages th
 _WIDEST = 1 << 17  # columns from which a row more is a megabyte
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
-OF_CLOSED = 6  # numbers of a closed link in a row: the row, its number, gap, force, residual of it, and friction
+OF_CLOSED = (
+    7  # numbers of a closed link in a row: the row, its number, gap, force, residual of it, friction, and its grip
+)
 LOG_COUNTS = (BASE.names or ())[:-1]  # of what is in a log
 PIECES = 128  # of a table that one flag distinguishes
 MOST_SUBSTEPS = 200  # of one event's bracket, for which halving alone needs 60, and of the event search in a step

@@ -115,7 +115,7 @@ ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of o
 BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING = range(4)  # what `events.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
 # what `assembly.dispatch` is to do
-BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, NOTE_LINKS, RELEASE_LINKS, FIND_CLOSED = range(7)
+BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, NOTE_LINKS, RELEASE_LINKS, FIND_CLOSED, GO_ON = range(8)
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
@@ -331,7 +331,7 @@ class Run:
     log_trials: Log[TrialRows]
     log_events: Log[EventRows]
     log_rates: Log[Columns]  # of observables at the events
-    log_closed: Log[Columns]  # row, number, gap, force, residual and friction of links that are closed in it
+    log_closed: Log[Columns]  # row, number, gap, force, residual, friction, grip of links that are closed in it
     log_links: Log[Whole]  # how many of these there are
     log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 

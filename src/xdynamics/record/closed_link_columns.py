@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from xdynamics.expressions import dimension_of
 from xdynamics.march import LogBlock
 from xdynamics.march.energy_gains import energy_dimension
-from xdynamics.model.assemblies import Assembly
+from xdynamics.model import Model
+from xdynamics.model.assemblies import Assembly, assemblies
 from xdynamics.record.column import About, Column, times
 from xdynamics.record.folded_columns import place_variable
-from xdynamics.schema import CLOSED_LINKS, NOWHERE, Variable, at_closed, flags
+from xdynamics.schema import CLOSED_LINKS, LINK_STATES, NOWHERE, Variable, at_closed, flags
 from xdynamics.shapes import Shapes
 from xdynamics.units import Unit, spell
 
 Array = NDArray[Any]
 Taking = Callable[[LogBlock], Array]
 Finding = Callable[[Assembly, Array], Array]
+FRICTION_STATE = "friction_state"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class ClosedLinks:
     contacts : sequence of Assembly
     rows : callable
         From a block to an array with a column for each closed link of each row: the row, the number of the link among
-        those of all contacts, its gap, its force, what is left of its acceleration, its friction force.
+        those of all contacts, its gap, its force, what is left of its acceleration, its friction force; where forces are
+        found by iteration also what it does along its slip.
     iterated : bool
         Whether forces are found by iteration, which leaves something.
     """
@@ -89,6 +92,11 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
         role = "contact" if at.role == "event" else at.role
         at = replace(at, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role)
         collected.append(Column(at, links.along(dim, find)))
+    if links.iterated and any_rubs(links.contacts):
+        told = "what the link does along its slip from here on, which its state alone does not tell"
+        states = flags(dict(enumerate(LINK_STATES)))
+        does = replace(_variable(FRICTION_STATE, "i1", "1", told), role="flag", more=states)
+        collected.append(Column(does, lambda block: np.asarray(links.rows(block)[6].astype(np.int8))))
     return [*collected, *_numbers(about, links)]
 
 
@@ -104,7 +112,7 @@ def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
         left = [spell(gap.dimension / about.model.time_unit.dimension**2) for gap in gaps]
         words = "residual of the equations of all forces: the acceleration with which the gap of the link still opens"
         numbers.append(("force_residual", 4, left, words))
-    if any(contact.contact.slip is not None for contact in every):
+    if any_rubs(every):
         words = "friction force of the link along its positive slip, against which it acts while it slips"
         numbers.append(("friction_force", 5, units_of_friction(every), words))
     for name, row, units, words in numbers:
@@ -118,6 +126,19 @@ def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
 
 def _variable(name: str, dtype: str, unit: str, long_name: str) -> Variable:
     return Variable(at_closed(name), (CLOSED_LINKS,), dtype, unit, long_name, "contact")
+
+
+def link_names(model: Model) -> list[str]:
+    """Name the variables that tell which links of many are closed, and how; none without such contacts."""
+    every = assemblies(model)
+    dims = dict.fromkeys(dim for contact in every for dim in contact.dims)
+    names = ["step", "contact", *dims, *([FRICTION_STATE] if any_rubs(every) else [])]
+    return [*map(at_closed, names)] if every else []
+
+
+def any_rubs(every: Sequence[Assembly]) -> bool:
+    """Whether any contact has friction."""
+    return any(contact.contact.slip is not None for contact in every)
 
 
 def places_of(every: Sequence[Assembly], shapes: Shapes) -> Iterator[tuple[str, str, str, Finding]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -16,8 +16,10 @@ from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import LogBlock, March, Settings
 from xdynamics.model import Model
+from xdynamics.model.assemblies import assemblies
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
+from xdynamics.record.closed_link_columns import any_rubs, link_names
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.constraint_columns import of_constraints
 from xdynamics.record.effort_columns import effort_columns
@@ -67,12 +69,14 @@ def _selected(march: March) -> list[Column]:
     about = About(march.layout, settings.scales, settings.tolerances, settings.samples)
     selected = [*_columns(about), *written_link_columns(about)]
     if settings.log != FULL:
-        selected = _logged(selected, settings.log, shapes_with_switches(march.layout.model))
+        model = march.layout.model
+        rubbing = link_names(model) if any_rubs(assemblies(model)) else []
+        selected = _logged(selected, settings.log, shapes_with_switches(model), rubbing)
     return selected if march.thinning is None else [*selected, Column(schema.STEP_NUMBER, _numbers)]
 
 
-def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes) -> list[Column]:
-    """Return the columns that a log holds, always including rejected trials, events, times, steps and flags.
+def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes, links: Sequence[str]) -> list[Column]:
+    """Return the columns that a log holds, always including rejected trials, events, times, steps, flags, and some of links.
 
     Raises
     ------
@@ -90,6 +94,7 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
         for column in available
         if not is_by_rows(column)
         or column.variable.name in log
+        or column.variable.name in links
         or (column.variable.role in roles and column.variable.dims[0] == STEPS)
     ]
 

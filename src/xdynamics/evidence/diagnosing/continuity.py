@@ -160,7 +160,6 @@ def _judge(inside: Inside, places: Rows, largest: Mapping[str, Floats], worst: M
     for name, entry in worst.items():
         rounding = MARGIN * (unit * largest[name] + np.abs(moved[name] - defects[name]))
         bounds = rounding + _tolerance(inside, name, largest[name])
-        bounds += _unlocated(inside, name, places, unit * largest[name])
         if solved.any():
             entry.take(np.abs(defects[name])[solved], bounds[solved], time[places[solved]])
     return int(np.count_nonzero(~solved))
@@ -174,21 +173,6 @@ def _tolerance(inside: Inside, name: str, largest: Floats) -> Any:
     absolute = np.asarray(attributes.get("atol", 0.0), float)
     absolute = absolute.reshape(largest.shape) if absolute.size == largest.size else absolute.max()
     return absolute + float(inside.run.attrs.get("solver_rtol", 0.0)) * largest
-
-
-def _unlocated(inside: Inside, name: str, places: Rows, spacings: Floats) -> Any:
-    """Return how far links of many may move a number within the time to which their events are located.
-
-    Which of them are closed at a start is found from its state, and on which side of an event that is, is open.
-    """
-    if schema.CLOSED_LINKS not in inside.run.dims:
-        return 0.0
-    numbers, time = (np.asarray(inside.run.variables[key]) for key in (name, "time"))
-    changes = np.maximum(np.abs(numbers[places + 1] - numbers[places]) - spacings, 0.0)
-    fastest = (changes / _spread(time[places + 1] - time[places], changes)).max(axis=0, initial=0.0)
-    asked = [contact.time_tolerance for contact in inside.model.assemblies.values()]
-    general = float(inside.run.attrs["solver_time_tolerance"])
-    return fastest * max(general if own is None else own.si for own in asked) / float(time_unit(inside.run).factor)
 
 
 def _variables(rows: Chunks, worst: dict[str, Worst], steps: int) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.links import member, pattern_at, touch_link
-from xdynamics.march.run import Run
+from xdynamics.march.run import Lists, Run
 
 State = NDArray[Any]
 # rows of `vectors`: the factor by which a link is scaled, what its rate, or acceleration, is to change by, and the
@@ -65,6 +65,19 @@ def closed_index(run: Run, c: int, link: int) -> int:
         else:
             high = middle
     return low if low < run.closed[0] and run.closed[1 + low] == number else -1
+
+
+@shared
+def recall_closed(run: Run, closed: Lists, first: int, count: int) -> bool:
+    """List the links that the record says are closed, and what they do along their slips; whether it says so."""
+    if run.plan[0].assemblies == 0 or count < 0:
+        return False
+    run.closed[0] = count
+    for a in range(count):
+        run.closed[1 + a] = closed[0, first + a]
+        if run.grips.shape[0] > 0:
+            run.grips[a] = closed[1, first + a]
+    return True
 
 
 @shared

@@ -67,7 +67,16 @@ from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.log import note, note_sample, note_samples
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
-from xdynamics.march.run import BEGIN_LINKS, FIND_CLOSED, FIND_MEETING, HOLD_LINKS, LAND_ON_MEETING, NOTE_LINKS, Run
+from xdynamics.march.run import (
+    BEGIN_LINKS,
+    FIND_CLOSED,
+    FIND_MEETING,
+    GO_ON,
+    HOLD_LINKS,
+    LAND_ON_MEETING,
+    NOTE_LINKS,
+    Run,
+)
 from xdynamics.march.run import BEGUN as STARTED
 from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
@@ -93,7 +102,8 @@ def meet(address: Any, number: float, command: int) -> None:
         meet, or a closed one lifts, if any do, which `tallies[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go
         on after the impacts. `HOLD_LINKS`: put the trial's state, at a time, back on closed links. `NOTE_LINKS`: write
         what is closed in it to the log. `RELEASE_LINKS`: let go of closed links that an event has set in motion.
-        `FIND_CLOSED`: find out which are closed in the state in `y`, from which a recorded step goes.
+        `FIND_CLOSED`: find out which are closed in the state in `y`, from which a recorded step goes, where its record does
+        not say so. `GO_ON`: else go on from the state in `y` with those that are listed.
     """
     run = run_at(address)
     if command == BEGIN_LINKS:
@@ -108,6 +118,8 @@ def meet(address: Any, number: float, command: int) -> None:
         note_links(run, number)
     elif command == FIND_CLOSED:
         find_closed(run)
+    elif command == GO_ON:
+        set_out(run)
     else:
         release_moved(run, number)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import LEFT, RESIDUAL, ROWS, SLOTS, TOGETHER
-from xdynamics.march.assembly.closed_links import GAPS, STICKS, row_of
+from xdynamics.march.assembly.closed_links import GAPS, STICKS, grip_at, row_of
 from xdynamics.march.assembly.links import ASSEMBLY, END, LINK
 from xdynamics.march.assembly.narrow_phase import forces_at
 from xdynamics.march.assembly.touching import (
@@ -106,4 +106,5 @@ def note_links(run: Run, t: float) -> None:
         run.log_closed[0, place], run.log_closed[1, place] = run.now[0].rows, run.closed[1 + a]
         run.log_closed[2, place], run.log_closed[3, place] = run.vectors[GAPS, row_of(run, a)], run.loads[a]
         run.log_closed[4, place], run.log_closed[5, place] = run.remains[a], run.pulls[a]
+        run.log_closed[6, place] = grip_at(run, a)
         run.log_links[0] = place + 1

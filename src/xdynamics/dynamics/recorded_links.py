@@ -1,0 +1,112 @@
+"""Closed links of many that a record lists by row: what its steps go on with, which states alone do not tell.
+
+A march knows where slips began, and how fast links met: where friction wedges, forces exist for more than one choice of
+links that hold and slide, and which one it took depends on that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.march.dense_output import ListedLinks
+from xdynamics.model import Model
+from xdynamics.model.assemblies import assemblies
+from xdynamics.record.closed_link_columns import FRICTION_STATE, link_names
+from xdynamics.schema import at_closed
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Whole = NDArray[np.int64]
+STEP, CONTACT = at_closed("step"), at_closed("contact")
+AFTER = "event_row_after"
+OF_ROWS = ("time", "row_kind", "event_time", AFTER)
+
+
+@dataclass(frozen=True)
+class RowLinks:
+    """The closed links of rows.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (c,)
+        Ascending.
+    listed : ndarray of int, shape (2, c)
+        Number of each link among those of all contacts, and what it does along its slip.
+    """
+
+    rows: Whole
+    listed: Whole
+
+    def at(self, rows: Any) -> ListedLinks:
+        """Return those of some rows."""
+        first, last = (np.searchsorted(self.rows, rows, side=side) for side in ("left", "right"))
+        return ListedLinks(np.stack([first, last - first]).astype(float), self.listed)
+
+
+def links_read(run: xr.Dataset, model: Model) -> dict[str, Any]:
+    """Return what closed links are found from, as it is stored; nothing where the record does not list them."""
+    names = link_names(model)
+    wanted = [*names, *OF_ROWS]
+    if not names or not all(name in run.variables for name in wanted):
+        return {}
+    return {name: run.variables[name].data for name in wanted}
+
+
+def row_links(model: Model, read: Mapping[str, Any]) -> RowLinks | None:
+    """Return the closed links of a record's rows; None where it does not list them, or not of these rows."""
+    known = {name: np.asarray(column) for name, column in read.items()}
+    cut = rows_cut(*(known[name] for name in OF_ROWS)) if known else None
+    if cut is None:
+        return None
+    steps, contacts = known[STEP].astype(np.int64) - cut, known[CONTACT]
+    if (np.diff(steps) < 0).any():
+        return None
+    numbers, begin = np.full(steps.size, -1), 0
+    for c, contact in enumerate(assemblies(model)):
+        own, shape = contacts == c, model.shapes.shape(contact.dims)
+        places = [known[at_closed(dim)][own] for dim in contact.dims]
+        if any((place < 0).any() or (place >= length).any() for place, length in zip(places, shape, strict=True)):
+            return None
+        numbers[own] = begin + (np.ravel_multi_index(places, shape) if shape else 0)
+        begin += contact.links
+    does = known.get(at_closed(FRICTION_STATE), np.zeros(steps.size, np.int64))
+    within = numbers.min(initial=0) >= 0 and np.isin(does, range(len(schema.LINK_STATES))).all()
+    ascend = (np.diff(numbers) > 0) | (np.diff(steps) > 0)
+    return RowLinks(steps, np.stack([numbers, does]).astype(np.int64)) if within and ascend.all() else None
+
+
+def rows_cut(time: Any, kinds: Any, event_time: Any, after: Any) -> int | None:
+    """Return how many rows a record lacks that its march had before those it has; None where events do not tell.
+
+    The rows of a record are numbered anew where it is cut, those that events and closed links name are not.
+    """
+    own, known = np.flatnonzero(kinds == schema.EVENT_AFTER), after >= 0
+    if not own.size or not known.any():
+        return None if own.size or known.any() else 0
+    cuts = np.unique(after[known & (event_time == time[own[0]])] - own[0])
+    return next((cut for cut in (*cuts.tolist(), 0) if np.isin(own, after[known] - cut).all()), None)
+
+
+def renumbered(run: xr.Dataset, rows: Whole) -> dict[str, Any]:
+    """Return the closed links, and the rows of events, of a record of which some rows were taken, ascending."""
+    import xarray as xr
+
+    if STEP not in run.variables or AFTER not in run.variables:
+        return {}
+    steps, after = (np.asarray(run.variables[name]) for name in (STEP, AFTER))
+    own = np.flatnonzero(np.isin(steps, rows))
+    found = {
+        str(name): variable.isel({schema.CLOSED_LINKS: own}).load()
+        for name, variable in run.variables.items()
+        if schema.CLOSED_LINKS in variable.dims
+    }
+    places = np.where(np.isin(after, rows), np.searchsorted(rows, after), -1)
+    found[STEP] = xr.Variable(found[STEP].dims, np.searchsorted(rows, steps[own]), found[STEP].attrs)
+    return found | {AFTER: xr.Variable(run.variables[AFTER].dims, places, run.variables[AFTER].attrs)}
