@@ -13,6 +13,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.schema import EVENT_AFTER
 
 TIMES = np.linspace(0.2, 0.2249, 50)
 STATES = ("x", "y", "theta", "v_x", "v_y", "v_theta")
@@ -20,9 +21,9 @@ ROUNDING = 1e-12  # of numbers up to ten
 
 
 @lru_cache
-def pile(log: str = "full") -> xr.Dataset:
+def pile(log: str = "full", until: str = "0.225 s") -> xr.Dataset:
     """March discs until slips of several of them have begun and ended."""
-    return xd.simulate(xd.Model.from_toml(MODELS / "rough_pile.toml"), until="0.225 s", log=log)
+    return xd.simulate(xd.Model.from_toml(MODELS / "rough_pile.toml"), until=until, log=log)
 
 
 def defects(run: xr.Dataset) -> float:
@@ -47,6 +48,14 @@ def test_steps_after_slips_and_releases_lead_to_their_next_rows() -> None:
     other.closed_friction_state.values[slips[-1]] = 1
     assert defects(other) > 1e3 * ROUNDING
     assert defects(run.isel(closed=np.delete(np.arange(run.sizes["closed"]), slips[-1]))) > 1e3 * ROUNDING
+
+
+def test_steps_after_several_landings_at_one_time_lead_to_their_next_rows() -> None:
+    """Assert it where rows after events are more than events name."""
+    run = pile(until="0.3 s")
+    own, named = np.flatnonzero(run.row_kind.values == EVENT_AFTER), run.event_row_after.values
+    assert not np.isin(own, named).all()
+    assert defects(run) < ROUNDING
 
 
 def test_what_links_do_fits_their_forces() -> None:

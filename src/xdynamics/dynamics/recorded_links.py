@@ -90,8 +90,16 @@ def rows_cut(time: Any, kinds: Any, event_time: Any, after: Any) -> int | None:
     own, known = np.flatnonzero(kinds == schema.EVENT_AFTER), after >= 0
     if not own.size or not known.any():
         return None if own.size or known.any() else 0
-    cuts = np.unique(after[known & (event_time == time[own[0]])] - own[0])
-    return next((cut for cut in (*cuts.tolist(), 0) if np.isin(own, after[known] - cut).all()), None)
+    after, event_time = after[known], event_time[known]
+    cuts = np.unique(after[event_time == time[own[0]]] - own[0])  # several events may be at one time
+    return next((cut for cut in (0, *cuts.tolist()) if _fits(after - cut, event_time, time, kinds)), None)
+
+
+def _fits(after: Any, event_time: Any, time: Any, kinds: Any) -> bool:
+    """Whether rows after events are there at the times of these; of a record that was cut some are not."""
+    there = (after >= 0) & (after < time.size)
+    rows = after[there]
+    return bool(there.any() and (kinds[rows] == schema.EVENT_AFTER).all() and (time[rows] == event_time[there]).all())
 
 
 def renumbered(run: xr.Dataset, rows: Whole) -> dict[str, Any]:
