@@ -32,6 +32,7 @@ from xdynamics.model.switches import (
     owners_of_switches,
     switches,
 )
+from xdynamics.model.whole_jacobian import is_dense
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.shapes.naming import parted
@@ -58,6 +59,7 @@ COUNTED = (
 MOST_ELEMENTS = 6  # of one quantity, of which each is told
 MOST_NODES = 400  # of the expression of an element, which is told as it is written for all if it has more
 MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
+MOST_OF_WHOLES = 100_000  # where links far outnumber bodies: derivatives are found for all of them at once
 
 Line = tuple[
     str, Callable[[], str]
@@ -280,10 +282,10 @@ def spectrum_of(model: Model) -> xr.Dataset:
     InputError
         If they have, or the model cannot be linearised at the start.
     """
-    layout = layout_of(model)
-    if is_compressed(layout) and (count := len(pattern_of(layout).entries)) > MOST_DERIVATIVES:
+    layout, most = layout_of(model), MOST_OF_WHOLES if is_dense(model) else MOST_DERIVATIVES
+    if is_compressed(layout) and (count := len(pattern_of(layout).entries)) > most:
         raise InputError(
-            f"the forces have {count} derivatives by the state, more than {MOST_DERIVATIVES}; xd.modes(model) takes its time"
+            f"the forces have {count} derivatives by the state, over {most}; xd.modes(model) takes its time"
         )
     return modes(model)
 

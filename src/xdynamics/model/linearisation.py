@@ -15,6 +15,7 @@ from xdynamics.model.derivatives import jacobian, tape
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, inputs_of, tables_of, variables
 from xdynamics.model.tangent_space import displacements, tangent_space, turning
+from xdynamics.model.whole_jacobian import is_dense, whole_jacobian
 from xdynamics.schema import acceleration, rate
 
 Floats = NDArray[np.float64]
@@ -118,28 +119,42 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
     InputError
         If a force is written in Python, or a state lacks a number.
     """
-    constant_values, tables, names, places = constants(model), tables_of(model), variables(model), jacobian(model)
+    constant_values, tables, names = constants(model), tables_of(model), variables(model)
     n, column_of = len(model.coordinates), {name: i for i, name in enumerate(names)}
     mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     attitudes = [column_of[part] for parts in unit_quaternions(model.shaped.bodies, model.shapes) for part in parts]
-    row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
+    derived = _of_wholes if is_dense(model) else _of_elements
     for state in states:
         values = inputs_of(model, _checked(model, state), constant_values, tables)
-        values |= tape(model).evaluated(values)
-        derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
-        for (row, by), name in places.items():
-            place = row_of[row], column_of[by]
-            derivatives[place] = values[name]
-            if place[0] < n:
-                slopes[place] = values[f"_s_{row}_{by}"]
-        a = np.array([values[acceleration(name)] for name in model.coordinates])
         matrix = np.zeros((n, n))
+        a, derivatives, slopes = derived(model, values)
         for place, entry in mass.items():
             matrix[place] = evaluate(entry, values)
+        slopes = np.diagonal(matrix)[:, np.newaxis] * derivatives[:n] if slopes is None else slopes
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
         stiffness = 0.0 - slopes[:, :n] - slopes[:, attitudes] @ full_jacobian[attitudes, n : 2 * n]
         spaces = displacements(model, values), tangent_space(model, values), turning(model, values, matrix)
         yield Linearisation(names, matrix, stiffness, a, full_jacobian, *spaces)
+
+
+def _of_wholes(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, None]:
+    """Return accelerations and the derivatives of accelerations and rates; those of forces follow, as masses are diagonal."""
+    return *whole_jacobian(model, values), None
+
+
+def _of_elements(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, Floats]:
+    """Return accelerations, the derivatives of accelerations and rates, and dF - dM a; add all that they follow from."""
+    names, n = variables(model), len(model.coordinates)
+    column_of = {name: i for i, name in enumerate(names)}
+    row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
+    values |= tape(model).evaluated(values)
+    derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
+    for (row, by), name in jacobian(model).items():
+        place = row_of[row], column_of[by]
+        derivatives[place] = values[name]
+        if place[0] < n:
+            slopes[place] = values[f"_s_{row}_{by}"]
+    return np.array([values[acceleration(name)] for name in model.coordinates]), derivatives, slopes
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
