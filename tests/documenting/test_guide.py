@@ -10,6 +10,7 @@ import pytest
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS, ROOT
+from xdynamics.documenting.folding import WIDTH
 from xdynamics.documenting.guide import PAGES_ABOUT, SAID, STARTER, guide
 from xdynamics.documenting.shapes_page import MEANINGS, MODEL
 from xdynamics.expressions.parser import FORMS
@@ -58,6 +59,19 @@ def test_the_guide_knows_the_language() -> None:
     assert all(f"  {name} " in call("help").output for name in PAGES_ABOUT)
     done = call("help", "drive")
     assert (done.exit_code, "did you mean 'drives'?" in done.output) == (2, True)
+
+
+def test_the_page_on_records_has_what_models_and_logs_name() -> None:
+    """Assert the dimension of logged elements, the labels and ends of links, and what goes on from closed links."""
+    lines = [*guide("record")]
+    for start in (
+        "  logged_<dimension>  ",
+        "  <dimension>_label, logged_<dimension>_label",
+        "  <relation>_first, <rel",
+    ):
+        assert sum(line.startswith(start) for line in lines) == 1
+    assert any(line.startswith("  closed_friction_state (closed)") for line in lines)
+    assert max(map(len, lines)) <= WIDTH
 
 
 def test_the_page_on_solve_has_its_limits() -> None:

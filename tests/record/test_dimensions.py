@@ -229,6 +229,7 @@ def test_single_elements_are_kept_where_nothing_happens(tmp_path):
     for path in (None, tmp_path / "run.nc"):
         with xd.simulate(model(), until="1e7 s", log=log, path=path) as kept:
             assert (kept.r.attrs["elements"], kept.v_r.attrs["elements"]) == ("r[Sun,x]", "v_r[Saturn,y]")
+            assert kept.logged_body.attrs["long_name"] == "which body: its label"
             assert (kept.logged_body.values.tolist(), kept.logged_axis.values.tolist()) == (
                 ["Sun", "Saturn"],
                 ["x", "y"],
@@ -275,6 +276,7 @@ u = "1 m"
     model = xd.Model.from_text(text)
     some, full = xd.simulate(model, **asked, log=["u[7]", "u[31]", "v_u[31]"]), xd.simulate(model, **asked)
     assert some.u.shape == (101, 2)
+    assert some.logged_site.attrs["long_name"] == "which site: its number"
     assert some.k.shape == (40,)
     assert some.u.sel(logged_site=31).values.tobytes() == full.u[:, 31].values.tobytes()
     assert np.isnan(some.v_u.sel(logged_site=7)).all()

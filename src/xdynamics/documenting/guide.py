@@ -48,6 +48,13 @@ SAID = {
     "round": "nearest whole number; of two equally near ones the even one, as Python's",
     "mod": "mod(a, b): a - b*floor(a/b) in the unit of both, with the sign of b, as Python's a % b",
 }
+OF_MODELS = (  # dimensions of the record that are named after the model's own names
+    ("<dimension>, <relation>", "those of the model, with all elements and links"),
+    (
+        schema.logged_of("<dimension>"),
+        "elements that a log names, like log = ['u[3]', 'u[7]']; what is logged of single elements has them alone",
+    ),
+)
 BY_NAME = (  # variables of the record that are named after the model's own names
     ("x, v_x, a_x", "step", "every coordinate, its velocity and acceleration, in their own units"),
     ("force_<term>_x", "step", "every force term, by coordinate"),
@@ -80,6 +87,16 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("closed_friction_state", "closed", "what it does along it: steps go on from there, not from states alone"),
     ("closed_force_residual", "closed", "acceleration that its gap is left with, where 0 was solved for"),
     ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
+    (
+        ", ".join(map(schema.label_of, ("<dimension>", schema.logged_of("<dimension>")))),
+        "the same dimension",
+        "which element: its label, or its number; once opened, the index that sel takes",
+    ),
+    (
+        ", ".join(schema.end_of("<relation>", end) for end in ("first", "second")),
+        "<relation>",
+        "the elements at the ends of each link, by number from 0",
+    ),
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
 PAGES_ABOUT = {  # pages that are of no section of a model file
@@ -362,9 +379,12 @@ def _units() -> Iterator[str]:
 
 
 def _record() -> Iterator[str]:
-    yield "A run is one xarray Dataset, without coordinate variables but time(step). Its dimensions are"
+    yield "A run is one xarray Dataset, whose coordinates are time(step) and labels of elements."
+    yield "Its dimensions are"
     for name in (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.CLOSED_LINKS, schema.BOUNDS):
         yield f"  {name:6}  {schema.DIMENSIONS[name]}"
+    for name, about in OF_MODELS:
+        yield from folded(f"  {name}  {about}", 4)
     yield "and its variables, first those that are called after the model's own names,"
     for name, dim, about in BY_NAME:
         yield from folded(f"  {name}{f' ({dim})' if dim else ''}: {about}", 4)

@@ -64,6 +64,7 @@ OF_EVIDENCE = {
     "band_…": "largest less least value over the rows; drift_…: at the end less at the start",
     "believed_until": "time until which no variable is further from the solution than a tenth of its range",
     "continuity_verdict": "whether each step, made again from its row, leads to the next; not the last row, nor jumps at events",
+    "continuity_time": "where the step starts that is furthest off by its bound; continuity_steps: how many were made again",
     "continuity_defect_…": "distance of the furthest such step from its row; continuity_bound_…: what rounding explains",
     "companion": "a second run at a tighter setting, from which the error of the first follows",
     "phase_offset": "phase at the end of a cycle less that of the reference; below 0 behind it",
