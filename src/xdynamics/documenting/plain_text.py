@@ -60,6 +60,7 @@ MOST_ELEMENTS = 6  # of one quantity, of which each is told
 MOST_NODES = 400  # of the expression of an element, which is told as it is written for all if it has more
 MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
 MOST_OF_WHOLES = 100_000  # where links far outnumber bodies: derivatives are found for all of them at once
+MOST_UNKNOWNS = 2_000  # accelerations and rates, of whose matrix eigenvalues are sought
 
 Line = tuple[
     str, Callable[[], str]
@@ -282,7 +283,12 @@ def spectrum_of(model: Model) -> xr.Dataset:
     InputError
         If they have, or the model cannot be linearised at the start.
     """
-    layout, most = layout_of(model), MOST_OF_WHOLES if is_dense(model) else MOST_DERIVATIVES
+    layout = layout_of(model)
+    if (unknowns := layout.used.size - layout.coordinates.size) > MOST_UNKNOWNS:
+        raise InputError(
+            f"there are {unknowns} accelerations and rates, over {MOST_UNKNOWNS}; xd.modes(model) takes its time"
+        )
+    most = MOST_OF_WHOLES if is_dense(model) else MOST_DERIVATIVES
     if is_compressed(layout) and (count := len(pattern_of(layout).entries)) > most:
         raise InputError(
             f"the forces have {count} derivatives by the state, over {most}; xd.modes(model) takes its time"
