@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from cases.problems import MODELS
 from xdynamics.march import ensemble_part
 
 RESTITUTIONS = [0.0, 0.5]
@@ -40,3 +41,17 @@ def test_members_go_on_where_their_log_is_full(monkeypatch: pytest.MonkeyPatch, 
         for name in ("y", "v_y"):
             assert np.array_equal(found[f"end_{name}"].values[k], run[name].values[-1])
     assert run.sizes["event"] > rows + 3 * COUNT
+
+
+def test_states_at_times_are_those_of_single_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the bits of `sample` of each run of a heap that rubs, whose steps go on with the closed links of their rows."""
+    monkeypatch.setattr(ensemble_part, "LOG_ROWS", ensemble_part.FEWEST_ROWS)  # of a member there are several logs
+    pile, frictions = xd.Model.from_toml(MODELS / "rough_pile.toml"), ["0.4", "0.35"]
+    times, until = np.linspace(0.005, 0.245, 49), "0.25 s"
+    found = xd.sweep(pile, {"mu": frictions}, keep=["theta", "v_theta"], times=times, until=until).load()
+    for k, friction in enumerate(frictions):
+        run = xd.simulate(pile.replace(parameters={"mu": friction}), until=until)
+        assert run.sizes["step"] > 2 * ensemble_part.FEWEST_ROWS
+        expected = xd.sample(run, times)
+        for name in ("theta", "v_theta"):
+            assert np.array_equal(found[name].values[k], expected[name].values)

@@ -99,8 +99,12 @@ def march_many(
         if now.status != RUNNING or now.rows == 0:
             begin(run, plans, starts, parameters, atols, k)
         while now.status == RUNNING:
+            noted = run.log_links[0] if run.plan[0].assemblies > 0 else 0
             march_by(march_at, address, END)
             keep_last(run, lasts, k)
+            if kept and run.plan[0].assemblies > 0:
+                for i in range(noted, run.log_links[0]):
+                    run.log_closed[0, i] -= run.base[0].rows  # rows of the log, which has those of other runs
             if now.status == RUNNING:
                 if kept or not events_fit(run) or is_empty(run):
                     return k

@@ -305,6 +305,8 @@ def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tu
     if not logs:
         rows, counts = [np.ascontiguousarray(piece.lasts.T) for piece in parts], np.ones(len(ends), np.int64)
         flags = [np.zeros((len(pieces[0].flags), len(ends)), np.int8)]
+    for piece, first in zip(pieces, np.cumsum([0, *(piece.rows.shape[1] for piece in pieces)]).tolist(), strict=False):
+        piece.closed[:1] += first  # their rows among those of all runs
     log = Log(
         pieces[0].base,
         _beside(rows),
@@ -314,6 +316,7 @@ def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tu
         np.concatenate([piece.events for piece in pieces]),
         np.hstack([piece.rates for piece in pieces]),
         np.hstack([piece.impulses for piece in pieces]),
+        _beside([piece.closed for piece in pieces]),
     )
     return Runs(
         law.layout,

@@ -83,7 +83,7 @@ def rows_of_many(most: int, numbers: int) -> int:
 
 
 def copied(log: Log, rows: int, events: int) -> Log:
-    """Copy the first rows and events of a log."""
+    """Copy the first rows and events of a log, with closed links where there are rows."""
     return Log(
         log.base,
         log.rows[:, :rows].copy(),
@@ -93,6 +93,7 @@ def copied(log: Log, rows: int, events: int) -> Log:
         log.events[:events].copy(),
         log.rates[:, :events].copy(),
         log.impulses[:, :events].copy(),
+        log.closed_rows[:, : None if rows else 0].copy(),
     )
 
 

@@ -40,6 +40,7 @@ def march_watched(
             if block.rows:
                 part.lasts[k] = block.log.rows[:, block.rows - 1]
             part.logs.append(copied(block.log, block.rows if logs else 0, block.events))
+            part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
         part.ends[k], part.largest[k] = run.now[0], run.largest[: part.largest.shape[1]]
         part.passed[k] = run.w[run.w.size - part.passed.shape[1] :]
     return part

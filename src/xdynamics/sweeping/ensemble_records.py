@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.dynamics.recorded_links import RowLinks
 from xdynamics.dynamics.shortened_steps import step_columns
 from xdynamics.evidence.observables import evaluated_inside, rate_tree, reaction_columns
 from xdynamics.expressions import Name, Node, free_names
@@ -128,13 +129,21 @@ class Harvest:
             return self.parts.states(self.runs, np.stack([rows, following, members]), times)
         return self._again(members, times, rows, following, judged=False)[: self.layout.used.size]
 
+    @cached_property
+    def _links(self) -> RowLinks | None:
+        """The closed links of many in each row, as `Inside` takes them from a record."""
+        closed = self.runs.kept.log.closed.astype(np.int64)
+        return RowLinks(closed[0], closed[[1, 6]]) if self.model.assemblies else None
+
     def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
         """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
         names = [block.name for block in self.layout.used.blocks]
         time, wanted = self["time"], step_columns(self.model, self.settings, rows, following, names)
         columns = np.concatenate([self[name][chosen].reshape(chosen.size, -1).T for name, chosen in wanted])
+        links = None if self._links is None else self._links.at(rows)
         if self.model.delays:
-            return self._with_past(members, np.stack([times, time[rows], time[following]]), columns, judged=judged)
+            where = np.stack([times, time[rows], time[following]])
+            return self._with_past(members, where, columns, judged=judged)
         return states_within(
             self.model,
             of_one_step(self.model, self.settings),
@@ -147,6 +156,7 @@ class Harvest:
             # the model's own numbers: what may follow them are addresses of the run that was marched
             parameters=self.runs.parameters[:, : (1 + self.layout.is_doubled) * len(constants(self.model))],
             runs=members,
+            links=links,
         )
 
     def _with_past(self, members: Rows, where: Floats, columns: Floats, *, judged: bool) -> Floats:
