@@ -141,3 +141,16 @@ def test_sweep_keeps_times_of_elements() -> None:
     expected = np.sqrt([1.0, 4.0])[:, None] * math.pi / np.sqrt(1.0 + 0.9 * np.arange(4))
     expected[expected > 5] = np.nan
     np.testing.assert_allclose(sweep["event_time_friction.sign"].values.reshape(2, 4), expected, rtol=1e-8)
+
+
+def test_elements_without_a_switch_are_elsewhere() -> None:
+    """Assert that sides of a largest element are signs of what is compared, and that the last, with none after it, has none."""
+    run = xd.simulate(xd.Model.from_text(BLOCKS.replace("-mu*sign(v_u)", "-mu*max(u, site)/metre")))
+    sides, u = run.side_friction_max.values, run.u.values
+    for site in range(3):
+        above = u[:, site] - u[:, site + 1 :].max(axis=1)
+        clear = np.abs(above) > 1e-6
+        assert {*sides[clear, site].tolist()} == {-1, 1}
+        assert (sides[clear, site] == np.sign(above[clear])).all()
+    words = run.side_friction_max.attrs
+    assert (sides[:, 3] == words["flag_values"][words["flag_meanings"].split().index("elsewhere")]).all()
