@@ -12,7 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases import smooth_models as smooth
 from cases.problems import MODELS, oscillator
-from xdynamics.figures.refinement import telling
+from xdynamics.figures.refinement import foot_of, telling
 from xdynamics.figures.vanishing import vanishing
 
 
@@ -333,6 +333,31 @@ def test_elements_of_a_refinement_share_a_panel() -> None:
         assert any(line.shape == (3,) and (line == changes[:, number]).all() for line in found)
     title = " ".join(axes.get_title(loc="left").split())
     assert title == "u at t = 1 s, 8 elements: 8 asymptotic"
+
+
+def test_numbers_that_do_not_differ_have_no_panel() -> None:
+    """Assert that beside a number that differs by rounding those are left out and named that do not, or have no value."""
+    ball = xd.Model(
+        name="ball",
+        coordinates={"y": "m", "z": "m"},
+        parameters={"m": "1 kg", "a": "2 m s-2"},  # all that y is at steps of powers of two has no rounding
+        mass={"y": "m", "z": "m"},
+        forces={"push": {"y": "m*a", "z": "1e-13*newton*sin(3*t/second)"}},
+        initial={"y": "0 m", "v_y": "1 m s-1", "z": "0.1 m", "v_z": "0.3 m s-1"},
+    )
+    steps = ["0.25 s", "0.125 s", "0.0625 s"]
+    study = xd.refine(ball, method="velocity_verlet", steps=steps, at=["1 s"], until="1 s", observables=["y", "z"])
+    assert not study["difference_y"][:-1].any()
+    assert study["difference_z"][:-1].any()
+    (axes,) = [axis for axis in xd.plot(study).axes if axis.get_visible()]
+    assert axes.get_title(loc="left").startswith("z at t = 1 s")
+    assert foot_of(study).endswith("; not drawn, as levels do not differ: y")
+    assert foot_of(study.assign(y=study.y * np.nan)).endswith("dashed: order 2; without a value: y")
+    left, right = axes.get_xlim()
+    assert left <= 0.0625 < 0.25 <= right
+    still = study.drop_vars([name for name in study.data_vars if str(name).endswith("z")])
+    said = {text.get_text() for axis in xd.plot(still).axes for text in axis.texts}
+    assert said == {"no difference between levels"}
 
 
 def test_modes_of_many_elements_have_whole_numbers_below() -> None:

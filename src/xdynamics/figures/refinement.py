@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.faults import few
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import in_prose, words_of
@@ -34,8 +35,20 @@ def panels_of(study: xr.Dataset) -> list[Panel]:
     """Return the panel of each number of a refinement; one for many elements of a quantity."""
     return [
         partial(_of_elements, study, names) if len(names) > 1 else partial(_differences, study, names[0])
-        for names in _groups(study, _numbers(study))
+        for names in _parted(study)[0]
     ]
+
+
+def _parted(study: xr.Dataset) -> tuple[list[list[str]], list[list[str]]]:
+    """Return the groups that have a panel, and those that have none as no level differs; all have one if none differs."""
+    groups = _groups(study, _numbers(study))
+    differing = [group for group in groups if any(_changes(study, name).any() for name in group)]
+    return differing or groups, [group for group in groups if group not in differing] if differing else []
+
+
+def _changes(study: xr.Dataset, name: str) -> NDArray[np.bool_]:
+    """Return at each place of a number whether levels differ there at all."""
+    return np.asarray((abs(study[f"difference_{name}"]) > 0.0).any(LEVEL).values).ravel()
 
 
 def _groups(study: xr.Dataset, names: list[str]) -> list[list[str]]:
@@ -58,12 +71,24 @@ def foot_of(study: xr.Dataset) -> str:
     if omitted > 1:
         further = f"{omitted} further numbers, at roundoff or limited by interpolation, are"
     note = f"; {further} in the record" if omitted else ""
+    same = _parted(study)[1]
+    valued = [group for group in same if any(bool(study[name].notnull().any()) for name in group)]
+    for told, groups in (
+        ("not drawn, as levels do not differ", valued),
+        ("without a value", [group for group in same if group not in valued]),
+    ):
+        note += f"; {told}: {few(map(_said, groups))}" if groups else ""
     order = float(study.attrs["formal_order"])  # nan where no number that an error could be a power of is refined
     dashed = f"; dashed: order {order:g}" if np.isfinite(order) else ""
     return (
         "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it"
         f" off, where that is not far below{dashed}{note}"
     )
+
+
+def _said(group: list[str]) -> str:
+    """Name what one panel is of."""
+    return group[0] if len(group) == 1 else parted(group[0])[0]
 
 
 def _numbers(study: xr.Dataset) -> list[str]:
@@ -112,6 +137,17 @@ def log_steps(axes: Axes, steps: NDArray[Any]) -> None:
     axes.set_xscale("log")
     axes.set_xticks(steps, [f"{step:.3g}" for step in steps], fontsize=8)
     axes.xaxis.set_minor_locator(NullLocator())
+    axes.update_datalim([(step, 1.0) for step in steps], updatey=False)  # levels without a dot too
+    axes.autoscale_view(scaley=False)
+
+
+def _scale(axes: Axes) -> None:
+    """Give differences a logarithmic axis; where there are none, say so."""
+    if any(np.size(line.get_xdata()) for line in axes.lines):
+        axes.set_yscale("log")
+    else:
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "no difference between levels", transform=axes.transAxes, ha="center", fontsize=9)
 
 
 def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
@@ -142,8 +178,7 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
             first = np.flatnonzero(shown)[0]
             slope = change[first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
             axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
-    if any(np.size(line.get_xdata()) for line in axes.lines):
-        axes.set_yscale("log")
+    _scale(axes)
     units = variable.attrs["units"]
     if number:
         log_steps(axes, steps)
@@ -162,10 +197,12 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
 
 
 def _of_elements(study: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Draw the differences of all elements of a quantity over its levels, at the last place; name the largest."""
+    """Draw the differences of all elements of a quantity over its levels, at the last place with any; name the largest."""
     varied = study[str(study.attrs["varied"])]
     steps, place = varied.values, next((dim for dim in study[names[0]].dims if dim != LEVEL), None)
-    last = {place: -1} if place else {}
+    differing = np.flatnonzero(np.any([_changes(study, name) for name in names], axis=0)) if place else np.zeros(0)
+    k = int(differing[-1]) if differing.size else -1
+    last = {place: k} if place else {}
     changes = {name: np.abs(study[f"difference_{name}"].isel(last).values) for name in names}
     verdicts = {name: in_prose(words_of(study[f"verdict_{name}"].isel(last))[0]) for name in names}
     order = sorted(names, key=lambda name: -float(np.nanmax(changes[name], initial=0.0)))
@@ -184,12 +221,11 @@ def _of_elements(study: xr.Dataset, names: list[str], axes: Axes) -> None:
             first = np.flatnonzero(shown)[0]
             slope = changes[name][first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
             axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
-    if any(np.size(line.get_xdata()) for line in axes.lines):
-        axes.set_yscale("log")
+    _scale(axes)
     log_steps(axes, steps)
     axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
     axes.set(ylabel=words(f"|difference| ({study[names[0]].attrs['units']})"))
-    where = f" at {at_time(study[AT_TIME], float(study[AT_TIME][-1]))}" if place == AT else ""
+    where = f" at {at_time(study[AT_TIME], float(study[AT_TIME][k]))}" if place == AT else ""
     counts = Counter(verdicts.values()).most_common()
     said = ", ".join(f"{count} {word}" for word, count in counts)
     axes.set_title(words(f"{parted(names[0])[0]}{where}, {len(names)} elements: {said}"), loc="left", fontsize=10)
