@@ -188,3 +188,14 @@ def test_sizes_and_labels_may_be_numpys() -> None:
     """Assert that a number of elements and labels as numpy has them are those of a file."""
     sizes = {"bead": np.array(["a", "b", "c"]), "site": np.int64(4)}
     assert xd.Model(**chain(dimensions=sizes)) == xd.Model(**CHAIN)
+
+
+def test_frictions_of_too_many_elements_are_told_what_to_be_instead() -> None:
+    """Assert that the message names the friction, how many it has, and a contact or a smooth force in its place."""
+    many = chain(dimensions={"bead": 25}, frictions={"floor": {"slip": "v_u", "kinetic": "1*newton"}}) | {
+        "relations": {}
+    }
+    with pytest.raises(
+        xd.ModelError, match=r"'floor' has 25 of them; write .* as \[contacts.floor\] .* or as a smooth"
+    ):
+        xd.Model(**many)

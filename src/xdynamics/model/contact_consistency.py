@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 
@@ -16,6 +17,7 @@ from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.parts import APPROACH, MOST_REACTIONS, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
+from xdynamics.shapes.naming import parted
 from xdynamics.units import Dimension, constant
 
 ROUNDING = 64 * EPS  # of the terms of a gap
@@ -31,10 +33,7 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
         return
     count = sum(2 if part.slip else 1 for part in statement.contacts.values()) + len(frictions)
     if count > MOST_REACTIONS:
-        ledger.note(
-            f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most; many contacts are those of a"
-            " dimension or a relation"
-        )
+        ledger.note(f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most; {_remedy(statement)}")
     if statement.assemblies:
         _check_assemblies(statement, known, ledger)
     if APPROACH in known:
@@ -60,6 +59,19 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
             for key in ("kinetic", "static"):
                 _needs(key, getattr(friction, key), statement, known, power / slip)
             _check_strengths("kinetic", friction.kinetic, friction.static, statement)
+
+
+def _remedy(statement: Statement) -> str:
+    """Say what to write for more forces than are written out."""
+    if not statement.frictions:
+        return "many contacts are those of a dimension or a relation"
+    counts = Counter(parted(name)[0] for name in statement.frictions)
+    name, most = counts.most_common(1)[0]
+    return (
+        f"friction '{name}' has {most} of them; write friction of many elements as [contacts.{name}] with gap, restitution, slip, friction and"
+        " tangential = 'coulomb', the normal force being solved for, or as a smooth force, like -kinetic*tanh(slip/slow)"
+        " with a low speed slow"
+    )
 
 
 def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -> None:
