@@ -280,6 +280,13 @@ u = "1 m"
     assert some.k.shape == (40,)
     assert some.u.sel(logged_site=31).values.tobytes() == full.u[:, 31].values.tobytes()
     assert np.isnan(some.v_u.sel(logged_site=7)).all()
+    last = xd.simulate(model, **asked, log=["u[-9]", "u[31]", "v_u[ -9 ]"])
+    assert last.logged_site.values.tolist() == [31]
+    assert last.v_u.sel(logged_site=31).values.tobytes() == full.v_u[:, 31].values.tobytes()
+    with pytest.raises(
+        xd.InputError, match=r"'u\[-41\]': dimension 'site' has no element -41; it has the elements 0 to 39"
+    ):
+        xd.simulate(model, **asked, log=["u[-41]"])
 
 
 @pytest.mark.dear

@@ -20,8 +20,8 @@ Going on  A run that lasts keeps what is finished of it every 10 s, in verified 
   path=..., resume=True), goes on from there to the bits of the uninterrupted run;
   `xdynamics discard` removes them instead. `extend` continues a complete run beyond its end.
 Thinning  --keep-every 1000 keeps a row in so many, --log states or x,y some columns; `complete`
-  adds the rest; --compress packs. Of u[3],u[7] the record has these alone: u(step, logged_site),
-  run.u.sel(logged_site=7); dimensions of the model keep their size for all else.
+  adds the rest; --compress packs. Of u[3],u[-1] the record has these alone: u(step, logged_site),
+  run.u.sel(logged_site=3); dimensions of the model keep their size for all else.
 Signing  Whoever edits a file on purpose can make a new seal, but no new signature: `sign` writes
   RUN.nc.sig (Ed25519, needs xdynamics[sign]), of every byte; `verify` says which it checked.
 Same bits  A run has the same bits with any C library and with or without wide vectors or fused

@@ -99,7 +99,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _time_tolerance(model, read),
         read.get("math_functions", NAME),
         read.get("keep_every", 1),
-        columns_of(read.get("log", _default_log(model))),
+        _log(model, read.get("log", _default_log(model))),
         read.get("compress", False),
         read.get("event_root_method", EARLIEST_FIRST),
         "order" in read,
@@ -112,6 +112,20 @@ def settings_for(model: Model, **asked: Any) -> Settings:
 def _jacobian(asked: str, method: Method, model: Model) -> str:
     """Return where derivatives come from: differences, too, where constraints couple too many coordinates for trees."""
     return DIFFERENCES if beyond_trees(model) and DIFFERENCES in method.stepper.jacobians else asked
+
+
+def _log(model: Model, asked: Any) -> str | tuple[str, ...]:
+    """Return the columns that are recorded, elements by their numbers from the front."""
+    log = columns_of(asked)
+    if isinstance(log, str):
+        return log
+    names: dict[str, None] = {}
+    for name in log:
+        try:
+            names[model.shapes.from_the_front(name)] = None
+        except InputError as error:
+            raise InputError(f"log names '{name}': {error}") from None
+    return (*names,)
 
 
 def _default_log(model: Model) -> str:

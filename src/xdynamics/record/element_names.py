@@ -117,10 +117,7 @@ class Names:
     def _dims(self, stem: str, count: int) -> tuple[str, ...]:
         """Return the dimensions of a quantity: of the longest name at its end that has some."""
         if (stem, count) not in self._known:
-            words = stem.split("_")
-            ends = ("_".join(words[first:]) for first in range(len(words)))
-            of_ends = (self.shapes.dims.get(name, ()) for name in ends)
-            self._known[stem, count] = next((dims for dims in of_ends if len(dims) == count), ())
+            self._known[stem, count] = self.shapes.dims_at_end(stem, count)
         return self._known[stem, count]
 
     def _cut(self, label: str, dim: str) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -15,6 +16,7 @@ from xdynamics.faults import InputError, few, written
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
 
+_FROM_THE_END = re.compile("-[1-9][0-9]{0,8}")
 _COMPARED = 1000  # labels among which a like one is looked for
 
 
@@ -192,6 +194,41 @@ class Shapes:
             )
         entries = [int(label) if label.isdecimal() else label for label in labels]
         return quantity, {dim: self.extent(dim).number(entry) for dim, entry in zip(dims, entries, strict=True)}
+
+    def dims_at_end(self, name: str, count: int) -> tuple[str, ...]:
+        """Return the dimensions of a name in a record, like ``error_v_u``: of the longest name at its end that has so many."""
+        words = name.split("_")
+        ends = ("_".join(words[first:]) for first in range(len(words)))
+        of_ends = (self.dims.get(end, ()) for end in ends)
+        return next((dims for dims in of_ends if len(dims) == count), ())
+
+    def from_the_front(self, name: str) -> str:
+        """Return the name of an element, of which numbers that count from the end, as in ``u[-1]``, are those from the front.
+
+        Raises
+        ------
+        InputError
+            If a dimension has no such element.
+
+        Examples
+        --------
+        >>> shapes = Shapes({"site": Extent("site", 9)}, {}, {"u": ("site",)})
+        >>> shapes.from_the_front("u[-1]"), shapes.from_the_front("u[3]")
+        ('u·8', 'u[3]')
+        """
+        quantity, _, rest = name.partition("[")
+        labels = [label.strip() for label in rest.removesuffix("]").split(",")]
+        dims = self.dims_at_end(quantity, len(labels)) if rest.endswith("]") else ()
+        if not dims or not any(map(_FROM_THE_END.fullmatch, labels)):
+            return name
+        extents = [self.extent(dim) for dim in dims]
+        return element(
+            quantity,
+            (
+                extent.label(extent.number(int(label))) if _FROM_THE_END.fullmatch(label) else label
+                for extent, label in zip(extents, labels, strict=True)
+            ),
+        )
 
     def first(self, name: str) -> str:
         """Return the name of the first element of a quantity."""
