@@ -10,6 +10,8 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.faults import DOT
+from xdynamics.march.configuration import unthinned_settings_for
+from xdynamics.sweeping.kept_quantities import keeping_of
 
 SUN = {"mu[Sun]": "2.9e-4:3e-4:3 astronomical_unit3 d-2"}
 COARSE = {"method": "dop853", "rtol": 1e-6, "until": "2000 day"}
@@ -207,3 +209,48 @@ def test_a_whole_quantity_at_an_event_is_that_of_the_member(head: str, occurrenc
                 assert np.isnan(first[k]).all()
         if more:
             assert np.isnan(ends.isel(occurrence=1).values).all()
+
+
+def test_extremes_of_whole_quantities_are_those_of_elements() -> None:
+    """Assert every number against sweeps asked for single elements, and against `diagnose`."""
+    chain = """
+name = "chain"
+dimensions = { site = 5 }
+coordinates = { u = { unit = "m", dims = ["site"] } }
+mass = { u = "1*kilogram*(1 + 0.1*index(site))" }
+parameters = { k = "1 N m-1", c = { value = [1, 2, 3, 4, 5], unit = "kg s-1", dims = ["site"] } }
+definitions = { stretch = "shift(u, site, -1, 0*metre) - u" }
+observables = { product = "c*u*v_u" }
+[forces]
+spring = { potential = "sum(0.5*k*stretch**2, site)" }
+drag = { u = "-0.01*c*v_u" }
+[initial]
+u = "0.1*metre*sin(pi*(index(site) + 1)/6)"
+v_u = "0.1*metre/second*(index(site) - 1.5)"
+"""
+    model, heads = xd.Model.from_text(chain), [f"maximum_{name}" for name in ("u", "v_u", "product")]
+    asked = {"method": "dop853", "rtol": 1e-7, "until": "9 s"}
+    axes = {"k": ["1 N m-1", "2 N m-1"]}
+    whole = xd.sweep(model, axes, keep=heads, **asked).compute()
+    told = xd.diagnose(xd.simulate(model.replace(parameters={"k": "2 N m-1"}), keep_every=1, **asked), companion=False)
+    for head in heads:
+        assert (whole[f"{head}_rule"] == 1).any(), head  # some are between accepted states
+        for end in ("", "_time", "_uncertainty"):
+            assert whole[f"{head}{end}"].values[1].tobytes() == told[f"{head}{end}"].values.tobytes(), (head, end)
+        for i in range(5):
+            alone = xd.sweep(model, axes, keep=[f"{head}[{i}]"], **asked).compute()
+            for end in ("", "_time", "_rule", "_uncertainty"):
+                ours, its = whole[f"{head}{end}"].values[:, i], alone[f"{head}{end}"].values[:, i]
+                assert ours.tobytes() == its.tobytes(), (head, i, end)
+
+
+def test_marches_read_one_name_of_each_element() -> None:
+    """Assert that what extremes of many elements read grows with their number, not with its square."""
+    text = CROSSED.replace("site = 3", "site = 40")
+    model = xd.Model.from_text(text)
+    kept = keeping_of(["maximum_u"], None, 1).variables(
+        model, unthinned_settings_for(model, method="rk4", step="10 ms", until="1 s")
+    )
+    for variable in kept:
+        assert variable.reads == tuple(f"u{DOT}{i}" for i in range(40))
+    assert len({id(variable.motion) for variable in kept}) == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -29,13 +29,35 @@ from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.run_columns import named_columns, state_name
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.units import parse_unit, spell
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 MANY = 1 << 12  # states, enough for lanes
 VALUE, RATE = ("value",), ("rate",)  # what is evaluated of a quantity
+
+
+class _States(Mapping[str, Floats]):
+    """States by their names, one line of an array each, taken where it is read: there may be many."""
+
+    def __init__(self, names: Blocks, lines: Floats) -> None:
+        self._names, self._lines = names, lines
+
+    def __getitem__(self, name: str) -> Floats:
+        if name not in self._names:
+            raise KeyError(name)
+        line: Floats = self._lines[self._names.index(name)]
+        return line
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 @dataclass(frozen=True)
@@ -111,7 +133,7 @@ class Harvest:
 
     def states_at(
         self, members: Rows, times: Floats, *, after: bool, known: Rows | None = None
-    ) -> tuple[dict[str, Floats], Rows]:
+    ) -> tuple[Mapping[str, Floats], Rows]:
         """Evaluate states of members at times, as `sample` does; return also the row that each step starts from.
 
         For the first times the rows may be given as `known`.
@@ -121,7 +143,7 @@ class Harvest:
         rest = slice(known.size, None)
         rows = np.concatenate([known, rows_of_times(self["time"], low[rest], high[rest], times[rest], after=after)])
         values = self._inside(members, times, rows, np.minimum(rows + 1, high))
-        return dict(zip(self.layout.used, values, strict=True)), rows
+        return _States(self.layout.used, values), rows
 
     def _inside(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
         """Repeat steps, shortened to end at the given times: side by side where possible."""
@@ -181,13 +203,13 @@ class Harvest:
         parameters = {name: f"{value[0].item()!r} {si[name]}" for name, value in own.items()}
         return model.replace(parameters=parameters, initial=starts) if parameters else model.replace(initial=starts)
 
-    def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
+    def at_times(self, times: Floats) -> tuple[Rows, Rows, Mapping[str, Floats], Rows]:
         """Evaluate all members at times; return member and time index of each, the states, and the row stepped from."""
         if "at" not in self._sampled:
             first, last = self["time"][self.runs.first_row[:-1]], self.last("time")
             members, indices = np.nonzero((times >= first[:, None]) & (times <= last[:, None]))
             self._sampled["at"] = (members, indices, *self.states_at(members, times[indices], after=True))
-        sampled: tuple[Rows, Rows, dict[str, Floats], Rows] = self._sampled["at"]
+        sampled: tuple[Rows, Rows, Mapping[str, Floats], Rows] = self._sampled["at"]
         return sampled
 
     @cached_property
@@ -209,6 +231,11 @@ class Harvest:
         """Evaluate the rate of a quantity whose rate is known."""
         return self._evaluated(name, RATE, states, members, rows, times)[0]
 
+    def rate_at_rows(self, name: str, members: Rows, rows: Rows) -> Floats:
+        """Evaluate the rate of a quantity whose rate is known at accepted states."""
+        states = {state: self[state][rows] for state in _wanted(self.model, name, RATE).states}
+        return self.rate(name, states, members, rows, self["time"][rows])
+
     def with_rates(
         self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats
     ) -> tuple[Floats, Floats]:
@@ -228,14 +255,15 @@ class Harvest:
         rows = rows_of_times(self["time"], first[members], last, times, after=False)
         states_and_errors = self._again(members, times, rows, np.minimum(rows + 1, last), judged=True)
         parts = states_and_errors[: len(used)], states_and_errors[len(used) : 2 * len(used)]
-        states, errors = (dict(zip(used, part, strict=True)) for part in parts)
+        states, errors = (_States(used, part) for part in parts)
         if name in states:
             deviation: Floats = np.abs(errors[name])
             return deviation
         value = self.value(name, states, members, rows, times)
         total = np.zeros(value.shape)
-        for coordinate in used:
-            moved = states | {coordinate: states[coordinate] + errors[coordinate]}
+        read = {coordinate: states[coordinate] for coordinate in _wanted(self.model, name, VALUE).states}
+        for coordinate, state in read.items():
+            moved = read | {coordinate: state + errors[coordinate]}
             total += np.abs(self.value(name, moved, members, rows, times) - value)
         return total
 
@@ -248,7 +276,7 @@ class Harvest:
         results = evaluated_inside(
             self.model,
             wanted.trees,
-            states,
+            {state: states[state] for state in wanted.states},
             times,
             (rows, following),
             {column: self[column] for column in ("regime", *reaction_columns(self.model))},
@@ -260,20 +288,26 @@ class Harvest:
 
     def _own(self, members: Rows, names: frozenset[str]) -> dict[str, Floats]:
         """Return the named parameters of each member, SI."""
-        model, scales = self.model, self.settings.scales
+        model, scales, places = self.model, self.settings.scales, _places(self.model)
         return {
             name: self.runs.parameters[members, i] * scales.of(model.dimensions[name])
-            for i, name in enumerate(constants(model))
-            if name in model.parameters and name in names
+            for i, name in sorted((places[name], name) for name in names if name in places)
         }
 
 
 class _Wanted(NamedTuple):
-    """Expressions, the assignments of the motion that they read, and every name that these need."""
+    """Expressions, the assignments of the motion that they read, every name that these need, and which are states."""
 
     trees: tuple[Node, ...]
     read: tuple[Assignment, ...]
     names: frozenset[str]
+    states: tuple[str, ...]
+
+
+@lru_cache(maxsize=64)
+def _places(model: Model) -> dict[str, int]:
+    """Return the place of each parameter among the constants of a law."""
+    return {name: i for i, name in enumerate(constants(model)) if name in model.parameters}
 
 
 @lru_cache(maxsize=64)
@@ -288,7 +322,10 @@ def _wanted(model: Model, name: str, what: tuple[str, ...]) -> _Wanted:
     read = tuple(read_by(model, trees))
     values = [entry.value for entry in read]
     names = [set(entry.arguments) if isinstance(entry, Function) else free_names(entry) for entry in (*trees, *values)]
-    return _Wanted(tuple(trees), read, frozenset().union(*names))
+    every = frozenset().union(*names, *map(free_names, model.looked_up_at.values()))  # tables are looked up all at once
+    used = layout_of(model).used
+    states = sorted((name for name in every if name in used), key=used.index)
+    return _Wanted(tuple(trees), read, every, tuple(states))
 
 
 def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:

@@ -94,19 +94,15 @@ def _search(runs: Harvest, name: str, sign: float, accepted: Extremes, humped: t
     rates = None
     if rate_tree(runs.model, name) is not None:
         low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
-        rates_at_rows = _rates(runs, name, rows, members)
+        rates_at_rows = runs.rate_at_rows(name, members, rows)
         rising = sign * rates_at_rows > 0.0
-        rates_opposite = _rates(runs, name, np.where(rising, high, low), members)  # at the other end of the bracket
+        rates_opposite = runs.rate_at_rows(
+            name, members, np.where(rising, high, low)
+        )  # at the other end of the bracket
         rates = np.stack(
             [np.where(rising, np.nan, rates_opposite), rates_at_rows, np.where(rising, rates_opposite, np.nan)]
         )
     return summits(sign, accepted.value.copy(), accepted.time.copy(), runs[name], time, first, rates, rows, members)
-
-
-def _rates(runs: Harvest, name: str, rows: Rows, members: Rows) -> Floats:
-    """Return the rate of a quantity at accepted states."""
-    states = {state: runs[state][rows] for state in runs.layout.used}
-    return runs.rate(name, states, members, rows, runs["time"][rows])
 
 
 def _tops(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:

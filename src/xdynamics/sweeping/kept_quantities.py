@@ -50,8 +50,8 @@ class Kept:
     units, long_name, role : str
     take : callable
         From a `Harvest` to an array, shape (members, *sizes).
-    reads : tuple of str
-        Variables along `step` that it takes from complete logs.
+    reads, motion : tuple of str
+        Variables along `step` that it takes from complete logs: by itself, and for states inside steps, as all that need these.
     dtype : str
     more : mapping
         Further attributes, such as the meanings of flags.
@@ -65,6 +65,7 @@ class Kept:
     role: str
     take: Take
     reads: tuple[str, ...] = ()
+    motion: tuple[str, ...] = ()
     dtype: str = "f8"
     more: Mapping[str, Any] = field(default_factory=dict)
 
@@ -114,7 +115,8 @@ class Keeping:
         if unknown:
             known = of_wholes(reader.known())
             raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {few(known)}")
-        own = {name: variable for name, variable in variables.items() if parted(name)[0] not in {*variables} - {name}}
+        stems = {name: parted(name)[0] for name in variables}
+        own = {name: variables[name] for name, stem in stems.items() if stem == name or stem not in variables}
         return folded(own, reader.shapes)  # an element whose quantity is kept is in it
 
 
@@ -263,7 +265,7 @@ class _WordReader:
             f"{column.long_name}; nan behind the end of a run",
             column.role,
             take,
-            reads=self.motion,
+            motion=self.motion,
         )
 
     def _event_time(self, detector: str) -> Kept:
@@ -291,7 +293,7 @@ class _WordReader:
 
         description = f"{column.long_name}, {head.removesuffix('_')} '{detector}' was met"
         kept = self._occurrences(word, detector, column.units, description, take, column.dims[1:])
-        return replace(kept, role=column.role, reads=(*self.motion, name))
+        return replace(kept, role=column.role, reads=(name,), motion=self.motion)
 
     def _occurrences(
         self,
@@ -329,7 +331,7 @@ class _WordReader:
         """Return the largest or least value of a quantity, and when it was reached."""
         sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name].variable
         description = f"{'largest' if sign > 0 else 'least'} {name} of the run"
-        reads, rules = (*self.motion, name), flags({NO_RULE: "none", **dict(enumerate(RULES))})
+        rules = flags({NO_RULE: "none", **dict(enumerate(RULES))})
 
         def kept(end: str, place: int, units: str, description: str, role: str, **extra: Any) -> Kept:
             return Kept(
@@ -340,7 +342,8 @@ class _WordReader:
                 description,
                 role,
                 lambda runs: extremes(runs, name, sign)[place],
-                reads,
+                reads=(name,),
+                motion=self.motion,
                 **extra,
             )
 

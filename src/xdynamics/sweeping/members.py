@@ -157,7 +157,7 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
         known = there(
             plan, block, {name: variable.reshape(*shape, *variable.shape[1:]) for name, variable in arrays.items()}
         ).ravel()
-    reads = tuple(dict.fromkeys(name for variable in plan.variables for name in variable.reads))
+    reads = tuple(dict.fromkeys(name for variable in plan.variables for name in (*variable.motion, *variable.reads)))
     for full_group in plan.grid.groups(block):
         group = full_group.without(known)
         parts = parts_of(group.model, group.settings) if reads and group.places.size else None
