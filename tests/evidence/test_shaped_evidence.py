@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
+from xdynamics.evidence.diagnosing import element_extremes
 from xdynamics.expressions import parse
 from xdynamics.figures.bodies_scene import Bodies
 from xdynamics.figures.scenes import Profile, scene_of
@@ -229,3 +230,46 @@ def test_a_field_has_a_film(tmp_path: Path) -> None:
 def test_models_are_shown_by_their_quantities(springs: xd.Model) -> None:
     """Assert that a cell of a notebook shows a quantity once, with its dimensions."""
     assert repr(springs) == "<xdynamics.Model 'Two masses, each on a spring': x(body); forces springs>"
+
+
+SPEEDING = """
+name = "bodies that speed up beside an oscillator"
+[dimensions]
+body = 3
+[coordinates]
+x = "m"
+z = { unit = "m", dims = ["body"] }
+[parameters]
+a = { dims = ["body"], unit = "m s-2", value = [1.0, -2.0, 4.0] }
+m = { dims = ["body"], unit = "kg", value = [1.0, 3.0, 0.5] }
+[mass]
+x = "1*kilogram"
+z = "m"
+[forces.spring]
+x = "-x*newton/metre"
+[forces.thrust]
+z = "m*a"
+[observables]
+speed = "v_z"
+[initial]
+x = "1 m"
+z = "0 m"
+[run]
+method = "rk4"
+step = "50 ms"
+until = "20 s"
+"""
+
+
+@pytest.mark.parametrize("most", [element_extremes.MOST_NAMES, 0])
+def test_drifts_are_the_last_cycle_less_the_first(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Assert by elements, and side by side, that speeds a t and momenta m a t grow by what is between cycles."""
+    monkeypatch.setattr(element_extremes, "MOST_NAMES", most)
+    found = xd.diagnose(xd.simulate(xd.Model.from_text(SPEEDING)), of="x", companion=False)
+    assert found.sizes["cycle"] == 2
+    rate, mass, between = np.array([1.0, -2.0, 4.0]), np.array([1.0, 3.0, 0.5]), found.period.values.mean()
+    np.testing.assert_allclose(found.drift_speed, rate * between, rtol=1e-12)
+    np.testing.assert_allclose(found.drift_momentum_z, mass * rate * between, rtol=1e-12)
+    assert between == pytest.approx(2.0 * np.pi, rel=1e-6)
+    assert found.maximum_x.dims == ()
+    assert float(found.maximum_x) == pytest.approx(1.0, rel=1e-6)

@@ -207,7 +207,7 @@ def extreme_variables(
     dims, shape, units = own.dims[1:], own.shape[1:], str(own.attrs["units"])
     word, adjective = ("maximum", "largest") if sign > 0 else ("minimum", "least")
     most, time_unit = f"{word}_{name}", str(run.variables["time"].attrs["units"])
-    numbers = [np.reshape(number, shape) if shape else number for number in result]
+    numbers = [np.reshape(number, shape) for number in result]
     of_rule = about("1", RULE_SAID, "flag") | schema.flags(dict(enumerate(RULES)))
     described = {
         "": about(units, f"{adjective} {name} of the run", "diagnostic"),
@@ -216,7 +216,7 @@ def extreme_variables(
         "_uncertainty": about(units, DOUBT_SAID.format(most), "error"),
     }
     patterns = {end: {schema.ELEMENT_NAME: f"{most}{{}}{end}"} if shape and end else {} for end in described}
-    numbers[2] = np.int8(numbers[2])
+    numbers[2] = numbers[2].astype(np.int8)
     return {
         f"{most}{end}": (dims, number, attributes | patterns[end])
         for (end, attributes), number in zip(described.items(), numbers, strict=True)
