@@ -83,8 +83,8 @@ rest on.
                setting
   diagnose     energy and momentum, band and drift apart; cycles, phase, area; extremes and how they
                were found; residuals against closed forms; Lyapunov exponents with uncertainties;
-               until when a run can be believed; continuity, whether steps made again lead to the rows
-               that follow: continuity_verdict, _time, _steps, continuity_defect_y, continuity_bound_y
+               until when a run can be believed; whether steps made again lead to the next rows:
+               continuity_verdict, _time, _steps, continuity_defect_y, continuity_bound_y
   compare      two runs at any times, beside the interpolation error, and what differs by value; or
                a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or
