@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Compare, Name, Node, free_names
-from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions import Compare, Node, free_names
+from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError
 from xdynamics.kernels.jacobian_pattern import column_groups
@@ -20,14 +20,14 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
-from xdynamics.model.whole import Quantity, is_read_whole, motion_of_wholes
+from xdynamics.model.whole import Quantity, is_read_whole, motion_of_wholes, rates_of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.shapes.dependence import Dependence
 from xdynamics.shapes.evaluation import evaluate_elements
-from xdynamics.shapes.gradient import derivative, gradient
+from xdynamics.shapes.gradient import gradient
 from xdynamics.shapes.naming import parted
 
 Floats = NDArray[np.float64]
@@ -319,13 +319,5 @@ def slope_of(model: Model, name: str, by: str) -> Node | None:
 @lru_cache(maxsize=64)
 def rate_of(model: Model, name: str) -> Node:
     """Return the derivative of a quantity by the time along the motion, with accelerations and rates as names."""
-    rates: dict[str, Node] = {"t": ONE}
-    for coordinate in model.shaped.coordinates:
-        speed = velocity(coordinate)
-        rates |= {coordinate: Name(speed), speed: Name(acceleration(coordinate))}
-    rates |= {state: Name(rate(state)) for state in model.shaped.states}
-    tree = layout_of(model).wholes[name][1]
-    shapes = replace(
-        model.shapes, dims={**model.shapes.dims, **{one: dims for one, dims, _ in motion_of_wholes(model)}}
-    )
-    return derivative(tree, rates, shapes)
+    ((_, _, tree),) = rates_of_wholes(model, [(name, *layout_of(model).wholes[name])])
+    return tree
