@@ -282,6 +282,7 @@ def test_a_checked_model_has_lines_of_its_first_elements() -> None:
     few, more, many = ([*lines_of(xd.Model.from_text(CHAIN.format(n=n)))] for n in (7, 8, 30))
     assert sum(line.startswith("motion") for line in few) == 7
     assert more.count("… and 2 more elements") == 2
+    assert sum(line.startswith("motion") for line in more) == 6
     assert len(many) == len(few)  # six elements, and how many there are besides, of motion and of force
     assert many.count("… and 24 more elements") == 2
     assert "v_u: [initial]" in many[0]

@@ -92,9 +92,10 @@ def _first_elements(lines: Iterable[Line]) -> Iterator[str]:
     """Yield what is said of the first elements of each quantity, and how many others there are."""
     for _, group in groupby(lines, itemgetter(0)):
         texts = [text for _, text in group]
-        rest = len(texts) - MOST_ELEMENTS
-        yield from (text() for text in (texts if rest <= 1 else texts[:MOST_ELEMENTS]))
-        yield from () if rest <= 1 else (f"… and {rest} more elements",)
+        shown = texts if len(texts) <= MOST_ELEMENTS + 1 else texts[:MOST_ELEMENTS]
+        yield from (text() for text in shown)
+        if len(shown) < len(texts):
+            yield f"… and {len(texts) - len(shown)} more elements"
 
 
 def at_rest(velocities: Sequence[str]) -> Iterator[str]:
