@@ -11,9 +11,9 @@ import pytest
 from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import Table
-from xdynamics.model.given_values import columns_of
 from xdynamics.model.links import Links
 from xdynamics.model.plain_table import PlainTable
+from xdynamics.model.table_values import columns_of
 from xdynamics.shapes import Extent
 from xdynamics.units import parse_unit
 
@@ -183,7 +183,7 @@ def test_a_large_table_takes_little_more_than_its_text() -> None:
     text = "\n".join(["m [kg]", *map(repr, (1.0 + np.arange(rows) / 3.0).tolist())])
     tracemalloc.start()
     try:
-        found, _ = columns_of(Sheet.of("t.csv", text), ["m"], None)
+        found, _ = columns_of(Sheet.of("t.csv", text), ["m"], Extent("body", rows))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

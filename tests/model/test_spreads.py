@@ -207,3 +207,58 @@ def test_draws_are_those_that_the_model_declares() -> None:
     assert again.k.values.tolist() == values["k"].tolist()
     with pytest.raises(xd.InputError, match="'v_x' has no uncertainty"):
         xd.sweep(model(), {"draw": xd.Draws(8, ["v_x"], design="declared")})
+
+
+BONDS = "bond,k [N/m],u(k) [mN/m]\n1,20,1000\n0,10,500\n2,5,0\n"
+TRIANGLE = f"""
+name = "triangle"
+[dimensions]
+body = ["A", "B", "C"]
+axis = ["x", "y"]
+[relations.bond]
+of = "body"
+[coordinates]
+r = {{ unit = "m", dims = ["body", "axis"] }}
+[parameters]
+k = {{ dims = ["bond"], table = "bonds.csv", csv = {BONDS!r} }}
+[mass]
+r = "1*kilogram"
+[forces.bonds]
+over = "bond"
+potential = "0.5*k*(norm(second(r, bond) - first(r, bond), axis) - 1*metre)**2"
+[initial]
+r = {{ table = "start.csv", columns = ["x", "y"], csv = "x [m],y [mm],u(y) [um]\\n0,0,10\\n2,0,20\\n1,1000,30\\n" }}
+""".replace("'bond,", '"bond,').replace("2,5,0\\n'", '2,5,0\\n"')
+
+
+def test_tables_of_elements_have_uncertainties_beside_the_values() -> None:
+    """Assert that u(k) goes with its row and unit, that a column without has none, and that both are written back."""
+    model = xd.Model.from_text(TRIANGLE)
+    assert xd.Model.from_text(model.to_toml()) == model
+    found = [value.uncertainty for value in model.uncertain.values()]  # of k, then of y by bodies
+    assert found == pytest.approx([0.5, 1.0, 1e-5, 2e-5, 3e-5], abs=1e-20)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            'dims = ["bond"]',
+            'dims = ["bond"], uncertainty = 1',
+            r"has uncertainty, and table 'bonds.csv' has a column 'u\(k\)'",
+        ),
+        ("u(k) [mN/m]", "u(k) [mN]", r"column 'u\(k\)' is in 'mN', the first in 'N m-1'"),
+        (
+            "u(k)",
+            "u_common(k)",
+            r"a column 'u_common\(k\)', which drives alone have; what is common to all elements is a",
+        ),
+        ("0,10,500", "0,10,-500", "needs to be non-negative"),
+        ("0,10,500", "0,10,", r"column 'u\(k\) \[mN/m\]' has a gap"),
+    ],
+)
+def test_wrong_uncertainties_of_elements_are_refused(old: str, new: str, said: str) -> None:
+    """Assert that a size too many, in another unit, of all together, negative or left out is refused."""
+    assert old in TRIANGLE
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model.from_text(TRIANGLE.replace(old, new))

@@ -8,20 +8,16 @@ from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from xdynamics.expressions import Node, dimension_of, free_names, parse, shown, text_of
 from xdynamics.faults import InputError, brief, few
-from xdynamics.model.csv_sheet import Sheet, title
-from xdynamics.model.csv_sheet import shown as shown_cell
 from xdynamics.model.element_room import check_room
 from xdynamics.model.kinds import Source
 from xdynamics.model.python_values import as_in_file
 from xdynamics.model.table_keys import near
+from xdynamics.model.table_values import from_table
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
 from xdynamics.model.value_forms import is_expression, is_meant
-from xdynamics.shapes import Extent, Shapes
+from xdynamics.shapes import Shapes
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
 
 
@@ -97,7 +93,9 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
             raise InputError('values is a table by label, of a quantity with dimensions: { Sun = "1 kg" }')
         numbers, unit = _by_label(entry["values"], _unit(entry), dims, shapes)
     elif "table" in entry or "csv" in entry:
-        numbers, unit = _from_table(entry, name, dims, source)
+        numbers, unit, sizes = from_table(entry, name, dims, source)
+        doubts = {"uncertainty": nested([f"{size!r} {unit.text}" for size in sizes], shape)} if sizes else {}
+        entry = {**entry, **doubts}
     else:
         numbers, unit = _listed(entry["value"], _unit(entry), shape, dims)
     if wrong := [number for number in numbers if not isfinite(number)]:
@@ -213,91 +211,6 @@ def _by_label(given: Any, unit: Unit | None, dims: tuple[str, ...], shapes: Shap
         numbers, unit = _by_label(given[label], unit, dims[1:], shapes)
         flat += numbers
     return tuple(flat), unit or parse_unit("1")
-
-
-def _from_table(
-    entry: Mapping[str, Any], name: str, dims: tuple[str, ...], source: Source
-) -> tuple[tuple[float, ...], Unit]:
-    """Read columns of a table: one for each element along a second dimension."""
-    if not 1 <= len(dims) <= 2:
-        raise InputError(f"a table has rows and columns, and '{name}' has the dimensions {', '.join(dims) or 'none'}")
-    columns = entry.get("columns", [entry.get("column", name)])
-    extents = [source.shapes.extent(dim) for dim in dims]
-    if not isinstance(columns, list | tuple) or not all(isinstance(column, str) for column in columns):
-        raise InputError(f"columns is {brief(columns)}, needs a list of names of columns")
-    if len(columns) != (extents[1].size if len(dims) > 1 else 1):
-        needed = f"{extents[1].size}, one for each of '{dims[1]}': rows are of '{dims[0]}'" if len(dims) > 1 else "one"
-        raise InputError(f"columns names {len(columns)}, needs {needed}")
-    file = str(entry.get("table", f"{name}.csv"))
-    sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
-    read, units = columns_of(sheet, columns, extents[0])
-    unit = units[0]
-    for column, other in zip(columns, units, strict=True):
-        if other.dimension != unit.dimension:
-            raise InputError(f"table '{file}': column '{column}' is in '{other.text}', the first in '{unit.text}'")
-    factors = [1.0 if other.text == unit.text else float(other.factor / unit.factor) for other in units]
-    return tuple((read * factors).ravel().tolist()), unit
-
-
-def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent | None) -> tuple[NDArray[np.float64], list[Unit]]:
-    """Return columns of a table, a row for each element, matched by a column of labels where there is one.
-
-    Raises
-    ------
-    InputError
-        If a column is missing, or a label is unknown, twice or missing.
-    """
-    bare = [cell.strip() for cell in sheet.header]
-    named = [_name_of(cell) for cell in bare]
-    places = []
-    for column in columns:
-        at = [i for i, cell in enumerate(bare) if column in (cell, named[i])]
-        if len(at) != 1:
-            count = "no column" if not at else f"{len(at)} columns"
-            raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout}")
-        places.append(at[0])
-    try:
-        rows = sheet.columns(places)
-    except InputError as error:
-        raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in error.faults)) from None
-    units = [title(sheet.header[place]).unit for place in places]
-    if extent is None:
-        return rows, units
-    if extent.name in named:
-        rows = _matched(sheet, rows, named.index(extent.name), extent)
-    elif len(rows) != extent.size:
-        raise InputError(
-            f"table '{sheet.name}' has {len(rows)} rows, and '{extent.name}' has {extent.size} elements; give a row for each"
-        )
-    return rows, units
-
-
-def _name_of(cell: str) -> str:
-    """Return the name of a column, whether it has a unit or not."""
-    try:
-        return title(cell).name
-    except InputError:
-        return cell
-
-
-def _matched(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Extent) -> NDArray[np.float64]:
-    """Return rows in the order of elements, by their labels."""
-    known = sheet.elements(column, extent)
-    if known is not None and (np.bincount(known, minlength=extent.size) == 1).all():
-        return rows[np.argsort(known)]
-    places: dict[int, int] = {}
-    for row, (line, cells) in enumerate(sheet.lines):
-        label = cells[column].strip()
-        try:
-            number = extent.number(int(label) if not extent.labels and label.isdigit() else label)
-        except InputError as error:
-            raise InputError(f"table '{sheet.name}', line {line}: {error}") from None
-        if number in places:
-            raise InputError(f"table '{sheet.name}', line {line}: {shown_cell(label)} is there twice; leave one out")
-        places[number] = row
-    if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
-        raise InputError(f"table '{sheet.name}' has no row for {few(missing)} of '{extent.name}'; give a row for each")
-    return rows[[places[i] for i in range(extent.size)]]
 
 
 def _spreads(

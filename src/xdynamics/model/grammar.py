@@ -85,7 +85,7 @@ DIMS = Key(
 TABLED = (
     Key("values", raw("table of quantities by label"), "of a quantity with dimensions, a table in it for each further one", "value"),
     Key("table", raw("name of a CSV file"), "a row for each element, in order or with a column of labels that is named as the dimension", "value"),
-    Key("column", raw("name of a column"), "of the table", "named as the entry"),
+    Key("column", raw("name of a column"), "of the table; one titled u(column) beside it has standard uncertainties: k [N/m],u(k) [N/m]", "named as the entry"),
     Key("columns", raw("list of names"), "of the table: one for each element along a second dimension", "column"),
     Key("csv", raw("text"), "the table itself, in the place of the file", "the file"),
 )  # fmt: skip

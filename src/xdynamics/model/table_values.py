@@ -1,0 +1,140 @@
+"""Numbers of a quantity with dimensions from a table: rows in order or by labels, columns, their uncertainties beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError, brief, few
+from xdynamics.model.csv_sheet import OF_UNCERTAINTIES, Sheet, title
+from xdynamics.model.csv_sheet import shown as shown_cell
+from xdynamics.model.kinds import Source
+from xdynamics.model.uncertainty import SIZES
+from xdynamics.shapes import Extent
+from xdynamics.units import Unit
+
+
+def from_table(
+    entry: Mapping[str, Any], name: str, dims: tuple[str, ...], source: Source
+) -> tuple[tuple[float, ...], Unit, tuple[float, ...]]:
+    """Return columns of a table, one for each element along a second dimension, and the uncertainties that stand beside them.
+
+    Returns
+    -------
+    numbers : tuple of float
+        One for each element, the last dimension fastest.
+    unit : Unit
+    sizes : tuple of float
+        Standard uncertainties in that unit, likewise, 0 of a column without; empty where none has one.
+
+    Raises
+    ------
+    InputError
+        Naming the table or the key, what it is and what was needed.
+    """
+    if not 1 <= len(dims) <= 2:
+        raise InputError(f"a table has rows and columns, and '{name}' has the dimensions {', '.join(dims) or 'none'}")
+    columns = entry.get("columns", [entry.get("column", name)])
+    extents = [source.shapes.extent(dim) for dim in dims]
+    if not isinstance(columns, list | tuple) or not all(isinstance(column, str) for column in columns):
+        raise InputError(f"columns is {brief(columns)}, needs a list of names of columns")
+    if len(columns) != (extents[1].size if len(dims) > 1 else 1):
+        needed = f"{extents[1].size}, one for each of '{dims[1]}': rows are of '{dims[0]}'" if len(dims) > 1 else "one"
+        raise InputError(f"columns names {len(columns)}, needs {needed}")
+    file = str(entry.get("table", f"{name}.csv"))
+    sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
+    doubted = _doubted(entry, sheet, columns)
+    wanted = [*columns, *(f"u({_name_of(column)})" for column in doubted)]
+    read, units = columns_of(sheet, wanted, extents[0])
+    unit = units[0]
+    for column, other in zip(wanted, units, strict=True):
+        if other.dimension != unit.dimension:
+            raise InputError(f"table '{file}': column '{column}' is in '{other.text}', the first in '{unit.text}'")
+    factors = [1.0 if other.text == unit.text else float(other.factor / unit.factor) for other in units]
+    read = read * factors
+    sizes = np.zeros((len(read), len(columns) if doubted else 0))
+    for place, column in enumerate(doubted, len(columns)):
+        sizes[:, columns.index(column)] = read[:, place]
+    return tuple(read[:, : len(columns)].ravel().tolist()), unit, tuple(sizes.ravel().tolist())
+
+
+def _doubted(entry: Mapping[str, Any], sheet: Sheet, columns: Sequence[str]) -> list[str]:
+    """Return those of some columns beside which their standard uncertainties stand: ``u(k) [N/m]``.
+
+    Raises
+    ------
+    InputError
+        If the entry has uncertainties, too, or those of a column are common to its rows.
+    """
+    names = {_name_of(cell.strip()) for cell in sheet.header}
+    own, common = ([column for column in columns if f"{of}{_name_of(column)})" in names] for of in OF_UNCERTAINTIES)
+    if common:
+        raise InputError(
+            f"table '{sheet.name}' has a column 'u_common({common[0]})', which drives alone have; what is common to all"
+            " elements is a parameter of its own, with its uncertainty, by which they are multiplied or shifted"
+        )
+    if own and (given := [key for key in SIZES if key in entry]):
+        raise InputError(f"has {given[0]}, and table '{sheet.name}' has a column 'u({own[0]})'; leave one out")
+    return own
+
+
+def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[NDArray[np.float64], list[Unit]]:
+    """Return columns of a table, a row for each element, matched by a column of labels where there is one.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, or a label is unknown, twice or missing.
+    """
+    bare = [cell.strip() for cell in sheet.header]
+    named = [_name_of(cell) for cell in bare]
+    places = []
+    for column in columns:
+        at = [i for i, cell in enumerate(bare) if column in (cell, named[i])]
+        if len(at) != 1:
+            count = "no column" if not at else f"{len(at)} columns"
+            raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout}")
+        places.append(at[0])
+    try:
+        rows = sheet.columns(places)
+    except InputError as error:
+        raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in error.faults)) from None
+    units = [title(sheet.header[place]).unit for place in places]
+    if extent.name in named:
+        rows = _matched(sheet, rows, named.index(extent.name), extent)
+    elif len(rows) != extent.size:
+        raise InputError(
+            f"table '{sheet.name}' has {len(rows)} rows, and '{extent.name}' has {extent.size} elements; give a row for each"
+        )
+    return rows, units
+
+
+def _name_of(cell: str) -> str:
+    """Return the name of a column, whether it has a unit or not."""
+    try:
+        return title(cell).name
+    except InputError:
+        return cell
+
+
+def _matched(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Extent) -> NDArray[np.float64]:
+    """Return rows in the order of elements, by their labels."""
+    known = sheet.elements(column, extent)
+    if known is not None and (np.bincount(known, minlength=extent.size) == 1).all():
+        return rows[np.argsort(known)]
+    places: dict[int, int] = {}
+    for row, (line, cells) in enumerate(sheet.lines):
+        label = cells[column].strip()
+        try:
+            number = extent.number(int(label) if not extent.labels and label.isdigit() else label)
+        except InputError as error:
+            raise InputError(f"table '{sheet.name}', line {line}: {error}") from None
+        if number in places:
+            raise InputError(f"table '{sheet.name}', line {line}: {shown_cell(label)} is there twice; leave one out")
+        places[number] = row
+    if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
+        raise InputError(f"table '{sheet.name}' has no row for {few(missing)} of '{extent.name}'; give a row for each")
+    return rows[[places[i] for i in range(extent.size)]]
