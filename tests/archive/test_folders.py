@@ -78,6 +78,25 @@ def test_one_of_many_processes_wins(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["made"]
 
 
+def test_a_folder_that_is_swept_before_it_is_opened_is_begun_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that a folder which another process takes for one of the dead, between its making and its lock, is made anew."""
+    make, swept = Path.mkdir, []
+
+    def made_and_swept(path: Path, *how: int, **named: bool) -> None:
+        make(path, *how, **named)
+        if path.name.endswith(BUILT) and len(swept) < 2:
+            swept.append(path)
+            path.rmdir()
+
+    monkeypatch.setattr(Path, "mkdir", made_and_swept)
+    build(tmp_path / "made")
+    assert len(swept) == 2
+    assert whole(tmp_path / "made")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["made"]
+
+
 def test_a_folder_that_is_being_built_stays(tmp_path: Path) -> None:
     """Assert that what living processes build under a name, and folders of others, are not swept away."""
     (tmp_path / f".made.notours{BUILT}").mkdir()

@@ -85,10 +85,11 @@ def _begun(target: Path) -> tuple[Path, int]:
     while True:
         built = target.with_name(f"{_stem(target)}{secrets.token_hex(4)}{BUILT}")
         built.mkdir()
-        handle = os.open(built, os.O_RDONLY | os.O_CLOEXEC)
-        if _is_taken(handle) and built.exists():  # else another process swept it away before it was locked
-            return built, handle
-        os.close(handle)
+        with suppress(FileNotFoundError):  # another process may sweep it away before it is locked, or even opened
+            handle = os.open(built, os.O_RDONLY | os.O_CLOEXEC)
+            if _is_taken(handle) and built.exists():
+                return built, handle
+            os.close(handle)
 
 
 def _sweep(target: Path) -> None:
