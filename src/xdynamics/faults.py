@@ -20,12 +20,14 @@ UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
 
 DOT = "·"  # in names of elements of quantities with dimensions
-_SPOKEN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\[\s*([A-Za-z0-9_]+(?:\s*,\s*[A-Za-z0-9_]+)*)\s*\]")
+# both begin where a word does: from each letter of a long word they would look for its end again
+_SPOKEN = re.compile(r"(?<![A-Za-z0-9_])([A-Za-z_][A-Za-z0-9_]*)\[\s*([A-Za-z0-9_]+(?:\s*,\s*[A-Za-z0-9_]+)*)\s*\]")
 _LABEL = "[A-Za-z0-9_]+?"  # what a record says of an extreme follows the last label: the whole is `maximum_r_time`
 _ELEMENT = re.compile(
-    rf"([A-Za-z0-9_.]+){DOT}({_LABEL}(?:{DOT}{_LABEL})*)(_time|_rule|_uncertainty|)(?![A-Za-z0-9_{DOT}])"
+    rf"(?<![A-Za-z0-9_.])([A-Za-z0-9_.]+){DOT}({_LABEL}(?:{DOT}{_LABEL})*)(_time|_rule|_uncertainty|)(?![A-Za-z0-9_{DOT}])"
 )
 _NUMBER = re.compile(r"\d[\d.e+-]*")
+_ENDLESS = re.compile(r"(?<!\S)(\S{100})\S{900,}")  # a word of a file that no terminal shows
 
 
 def spoken(text: str) -> str:
@@ -207,7 +209,7 @@ class Ledger:
 
     def note(self, fault: str) -> None:
         """Write down one fault; no more are looked for where there are very many."""
-        self.faults.append(fault)
+        self.faults.append(_ENDLESS.sub(r"\1…", fault))
         if len(self.faults) >= MOST_SOUGHT:
             self.raise_faults()
 
@@ -217,7 +219,7 @@ class Ledger:
         try:
             yield
         except InputError as error:
-            self.faults.extend(f"{what}: {fault}" for fault in error.faults)
+            self.faults.extend(_ENDLESS.sub(r"\1…", f"{what}: {fault}") for fault in error.faults)
             if len(self.faults) >= MOST_SOUGHT:
                 self.raise_faults()
 

@@ -60,6 +60,7 @@ LARGE: dict[str, tuple[Callable[[], str], str]] = {
         lambda: HEAD + '[observables]\na = "' + "x+" * 1_000_000 + 'x"\n',
         "2000001 characters, 1000000 at most",
     ),
+    "a section": (lambda: HEAD + "[" + "e308" * 250_000 + "]\nx = 1\n", r"model 'm': \[e308.{95}… is no section"),
     "a cell": (
         lambda: HEAD + TABLE.format("1," + "9" * 200_000),
         "line 3: a cell has over 131072 characters, the limit",
