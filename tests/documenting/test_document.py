@@ -20,7 +20,7 @@ from xdynamics.expressions import latex, parse
 def bundled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bundle of a rocket's apogee."""
     model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
-    found = xd.certify(model, "y", event="apogee", method="midpoint", step="10 ms", draws=512)
+    found = xd.certify(model, "y", event="apogee", method="midpoint", step="10 ms", draws=4096)
     return xd.bundle(tmp_path_factory.mktemp("document") / "rocket", found)
 
 

@@ -209,7 +209,7 @@ def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> 
         (["--dpi", "5"], "from 20 to 1200"),
         (["--only", "z"], "only has 'z'"),
         (["--only", "z,energy,w"], "only has 'z', 'w'; there are"),
-        (["--with", "no.csv"], "cannot be read"),
+        (["--with", "no.csv"], "table 'no.csv' is not in"),
     ):
         done = call("plot", run, "-o", tmp_path / "c.png", *wrong)
         assert (done.exit_code, said in done.output) == (2, True), done.output
