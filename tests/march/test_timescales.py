@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,22 +44,62 @@ def network(rng: np.random.Generator, n: int) -> xd.Model:
     )
 
 
+def ritz_rate(scaled: np.ndarray) -> float:
+    """Return the largest eigenvalue of a matrix's compression on its fourth and fifth product with the first direction.
+
+    The roots of the recurrence that fits three products best are these (Saad, Numerical Methods for Large Eigenvalue
+    Problems, section 6.2: Arnoldi's method, of which the space is that of the last two products).
+    """
+    n = len(scaled) // 2
+    parts = 0.6180339887498949 * np.tile(np.arange(n), 2) + np.repeat([0.0, 0.5], n)
+    parts = 2.0 * (parts - np.floor(parts)) - 1.0
+    last = np.linalg.matrix_power(scaled / np.abs(scaled).max(), 4) @ (parts + np.where(parts >= 0.0, 1.0, -1.0))
+    space = np.stack([last, scaled @ last], axis=1)
+    space, remains = np.linalg.qr(space / np.linalg.norm(space, axis=0))
+    if remains[1, 1] ** 2 <= 1e-6:  # parallel: one decay is left
+        space = (scaled @ last)[:, None] / np.linalg.norm(scaled @ last)
+    return float(np.abs(np.linalg.eigvals(space.T @ scaled @ space)).max())
+
+
+def marched(case: int) -> tuple[xd.Model, dict[str, Any], March]:
+    """Return a random network, how it is marched, and its march."""
+    rng = np.random.default_rng(case)
+    model = network(rng, int(rng.integers(1, 7)))
+    asked = {"until": 2e-3} | ({"method": "rk4", "step": 1e-4}, {"method": "dop853", "rtol": 1e-6})[case % 2]
+    march = March(model, settings_for(model, **asked))
+    list(march.blocks())
+    return model, asked, march
+
+
+@pytest.mark.dear
+def test_rates_are_mostly_near_the_fastest() -> None:
+    """Assert that of 300 networks 19 in 20 have a rate from 0.7 to 1.1 of the largest eigenvalue; and that not all have.
+
+    No bound of one is to be had: a first direction may have as little of the fastest mode as one likes, and damped motions
+    have rates above their eigenvalues.
+    """
+    near = 0
+    for case in range(300):
+        scaled = jacobian_at(marched(case)[-1], 0)
+        near += 0.7 <= ritz_rate(scaled) / np.abs(np.linalg.eigvals(scaled)).max() <= 1.1
+    assert 285 <= near < 300
+
+
 @pytest.mark.every(3)
 @pytest.mark.cases(300)
 def test_rates_are_those_of_the_eigenvalues(case: int) -> None:
-    """Assert that the fastest rate is the largest eigenvalue, of one coordinate exactly, of more about so; and the slowest period."""
-    rng = np.random.default_rng(case)
-    n = int(rng.integers(1, 7))
-    model = network(rng, n)
-    found = xd.modes(model)
-    fastest, h = 1.0 / float(found.fastest_time_scale), 1e-4
-    method, asked = (("rk4", {"step": h}), ("dop853", {"rtol": 1e-6}))[case % 2]
+    """Assert that the fastest rate is Arnoldi's, of one coordinate the largest eigenvalue; and the slowest period."""
+    model, asked, march = marched(case)
+    found, h = xd.modes(model), 1e-4
+    fastest = 1.0 / float(found.fastest_time_scale)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xd.StabilityWarning)
-        run = xd.simulate(model, method=method, **asked, until=20 * h, force_samples="none")
-    rate = run.attrs["run_fastest_rate"]
-    assert rate <= fastest * (1.001 if n == 1 else 1.1)
-    assert rate >= fastest * (0.999 if n == 1 else 0.7)
+        run = xd.simulate(model, **asked, force_samples="none")
+    rate, scaled = run.attrs["run_fastest_rate"], jacobian_at(march, 0)
+    assert rate == pytest.approx(ritz_rate(scaled), rel=1e-5)
+    assert rate <= np.linalg.norm(scaled, 2) * (1.0 + 1e-9)
+    if len(model.coordinates) == 1:
+        assert rate == pytest.approx(fastest, rel=1e-3)
     first = h if case % 2 == 0 else run.attrs["solver_first_step"]
     assert run.attrs["run_h_omega_start"] == pytest.approx(rate * first, rel=1e-12)
     assert run.attrs["run_h_omega_largest"] >= run.attrs["run_h_omega_start"] * (1 - 1e-9)
