@@ -117,6 +117,34 @@ def pulled(csv: str, dims: str = "bead") -> dict[str, Any]:
             chain(parameters={"g": "1 N"}, observables={"o": "g[a]"}),
             r"'g\[a\]' \(column 1\): 'g' has no dimensions, and no elements$",
         ),
+        (
+            chain(parameters={"k": {"dims": ["bead"], "csv": "bead,k [N/mm2q]\na,1\nb,2\nc,3\n"}}),
+            r"table 'k.csv', column 'k \[N/mm2q\]': unit 'N/mm2q' cannot be read at column 6",
+        ),
+        (
+            chain(parameters={"k": {"dims": ["bead"], "csv": "k\n1\n2\n3\n"}}),
+            "table 'k.csv', column 'k': it has no unit; write it like",
+        ),
+        (
+            chain(parameters={"k": {"dims": ["bead"], "csv": "k [N]\n1\n-\n3\n"}}),
+            r"table 'k.csv', line 3: column 'k \[N\]' has a gap; fill it$",
+        ),
+        (
+            chain(dimensions={"bead": 10**6}, relations={"near": {"of": "bead", "neighbours": 400_000}}),
+            "neighbours is 400000 of 1000000 elements, 400000000000 links, and 20000000 at most are made; write 20 at most",
+        ),
+        (
+            chain(observables={"o": "sum(u, bead, bead)"}),
+            r"'sum\(u, bead, bead\)' \(column 1\) goes along 'bead' twice; name it once$",
+        ),
+        (
+            chain(observables={"o": "delayed(u, 1*second*(1 + index(bead)))"}),
+            r"delayed values are of single numbers, and the model has \[dimensions\]; write its elements out$",
+        ),
+        (
+            chain(dimensions={"bead": 2}, relations={}, observables={"o": "cross(u, 2*v_u, bead)"}),
+            r"of 2 elements, and needs 3; in a plane write take\(u, bead, 0\)\*take\(2\*v_u, bead, 1\) - take\(u, bead, 1\)\*",
+        ),
         (chain(observables={"o": "sum(u)"}), r"'sum' is written sum\(a, dimension\); number of arguments here: 1$"),
     ],
 )

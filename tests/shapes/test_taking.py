@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.dimensions import dimension_of
 from xdynamics.faults import InputError
@@ -58,3 +59,36 @@ def test_arrays_are_refused_alike() -> None:
     """Assert that values of all elements at once are refused where one is."""
     with pytest.raises(InputError, match=r"takes element 4 of 'site'"):
         evaluate_elements(parse("take(u, site, index(site) + 2)"), ("site",), {"u": [0.0] * 4}, SHAPES)
+
+
+@pytest.mark.parametrize("place", ["forces", "observables"])
+def test_halves_are_refused_in_loops(place: str) -> None:
+    """Assert that no element of a model in loops is taken by a number that is rounded."""
+    taken = "take(w, site, index(site)/2)"
+    given = {"forces": {"f": {"u": taken}}} if place == "forces" else {"observables": {"o": taken}}
+    model = xd.Model(
+        name="halves",
+        dimensions={"site": 3},
+        coordinates={"u": {"unit": "m", "dims": ["site"]}},
+        parameters={"w": {"dims": ["site"], "value": "1 + index(site)", "unit": "N"}},
+        mass={"u": "1*kilogram"},
+        initial={"u": "0 m"},
+        **given,
+    )
+    with pytest.raises(InputError, match=r"takes element 0.5 of 'site', needs whole numbers from 0 to 2; mod\("):
+        xd.simulate(model, method="rk4", step="1 s", until="1 s")
+
+
+def test_numbers_alone_go_in_loops() -> None:
+    """Assert that what reads no quantity with dimensions is no sum of a million terms written one after the other."""
+    n = 1000
+    model = xd.Model(
+        name="series",
+        dimensions={"row": n, "column": n},
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": "2 m"},
+        observables={"o": "x*sum(index(row)*index(column), row, column)"},
+    )
+    run = xd.simulate(model, method="rk4", step="1 s", until="1 s")
+    assert run.o.values.tolist() == [2.0 * (n * (n - 1) / 2) ** 2] * 2

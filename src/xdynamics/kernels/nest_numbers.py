@@ -87,6 +87,8 @@ class TakenNumbers(LinkSums):
         for dim, size in sizes.items():
             values = {f"index {other}": 0.0 for other in sizes} | {f"index {dim}": np.arange(float(size))}
             numbers = np.broadcast_to(evaluate_many(counted(node.arguments[1], self.shapes), values), (size,))
+            if (numbers != np.floor(numbers)).any():  # halves, which may make whole ones together, and else are told
+                raise UnprintedError
             terms[dim] = numbers.astype(np.int64) - first
         taken_numbers(node, _corners(terms), self.shapes)
         return first, terms

@@ -22,6 +22,7 @@ SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one t
 COMMENTS = ("#", "%", "//")
 MOST_FAULTS = 20  # of a table, listed in an error
 SHOWN = 24  # characters of a cell that an error shows
+SKIPPING = ', or leave such lines out with gaps = "skip"'  # which drives and measured data take
 LONGEST_HEADER = 100_000  # characters: some thousand columns
 OF_UNCERTAINTIES = ("u(", "u_common(")
 
@@ -195,10 +196,7 @@ class Sheet:
             if gaps and skip:
                 continue
             if gaps:
-                ledger.note(
-                    f"line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it, or leave such lines out"
-                    ' with gaps = "skip"'
-                )
+                ledger.note(f"line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it{SKIPPING}")
                 continue
             parsed = [self._number(cell) for cell in selected]
             if wrong := [cell for cell, value in zip(selected, parsed, strict=True) if value is None]:

@@ -21,6 +21,9 @@ _PLACES = "components of forces, rates of states, events, controllers, observabl
 
 def check_delays(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check everything that is delayed, and the history of each."""
+    if statement.delayed and statement.extents:
+        ledger.note("delayed values are of single numbers, and the model has [dimensions]; write its elements out")
+        return
     moving = {*statement.coordinates, *map(velocity, statement.coordinates), *statement.states}
     constants = {*statement.parameters, *statement.unit_constants, "pi"}
     read = set[str]()
@@ -33,8 +36,6 @@ def check_delays(statement: Statement, dimensions: Mapping[str, Dimension], ledg
     for place, tree in _elsewhere(statement):
         if has_delays(expand(tree, statement.definitions)):
             ledger.note(f"{place} has a delayed value, which stands in {_PLACES} alone")
-    if statement.delayed and statement.extents:
-        ledger.note("delayed values are of single numbers, and the model has [dimensions]; write its elements out")
     for name, tree in statement.history.items():
         with ledger.entry(f"history of '{name}'"):
             if name not in moving:

@@ -218,7 +218,7 @@ SECTIONS: dict[str, Section] = {
     "forces": Section(
         "force terms by name", "force",
         (
-            Key("over", name_of("a relation"), "a component is the force on the first end of each link, its opposite acts on the second; of a potential, along what it is", "none", omitted=""),
+            Key("over", name_of("a relation"), "a component is the force on the first end of each link, its opposite acts on the second (of another coordinate, of which the same is written: u = f and w = f); of a potential, along what it is", "none", omitted=""),
             Key("potential", EXPRESSION.of("J"), "the force is its negative gradient, and energies are known; it is summed over its dimensions", "components"),
             Key("<coordinate>", COMPONENT.of("N (N m of an angle)"), "component of the (generalised) force; also a numba function", "", "components"),
             Key("smooth", FLAG, "its abs, sign, min, max, where are no switches to be located", "false"),

@@ -154,6 +154,11 @@ class Links:
             )
         if 1 < n <= count:
             raise InputError(f"neighbours is {count}, and '{source.name}' has {n} elements; write {n - 1} at most")
+        if n * count > MOST_LINKS:
+            raise InputError(
+                f"neighbours is {count} of {n} elements, {n * count} links, and {MOST_LINKS} at most are made; write"
+                f" {MOST_LINKS // n} at most"
+            )
         if count == 1 and not self.ring:
             numbers = np.arange(n, dtype=np.int64)  # of a million, once
             return numbers[:-1], numbers[1:]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, brief, few
-from xdynamics.model.csv_sheet import OF_UNCERTAINTIES, Sheet, title
+from xdynamics.model.csv_sheet import OF_UNCERTAINTIES, SKIPPING, Sheet, name_of_title, title
 from xdynamics.model.csv_sheet import shown as shown_cell
 from xdynamics.model.kinds import Source
 from xdynamics.model.uncertainty import SIZES
@@ -47,7 +47,7 @@ def from_table(
     file = str(entry.get("table", f"{name}.csv"))
     sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
     doubted = _doubted(entry, sheet, columns)
-    wanted = [*columns, *(f"u({_name_of(column)})" for column in doubted)]
+    wanted = [*columns, *(f"u({name_of_title(column)})" for column in doubted)]
     read, units = columns_of(sheet, wanted, extents[0])
     unit = units[0]
     for column, other in zip(wanted, units, strict=True):
@@ -69,8 +69,10 @@ def _doubted(entry: Mapping[str, Any], sheet: Sheet, columns: Sequence[str]) -> 
     InputError
         If the entry has uncertainties, too, or those of a column are common to its rows.
     """
-    names = {_name_of(cell.strip()) for cell in sheet.header}
-    own, common = ([column for column in columns if f"{of}{_name_of(column)})" in names] for of in OF_UNCERTAINTIES)
+    names = {name_of_title(cell.strip()) for cell in sheet.header}
+    own, common = (
+        [column for column in columns if f"{of}{name_of_title(column)})" in names] for of in OF_UNCERTAINTIES
+    )
     if common:
         raise InputError(
             f"table '{sheet.name}' has a column 'u_common({common[0]})', which drives alone have; what is common to all"
@@ -90,7 +92,7 @@ def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[ND
         If a column is missing, or a label is unknown, twice or missing.
     """
     bare = [cell.strip() for cell in sheet.header]
-    named = [_name_of(cell) for cell in bare]
+    named = [name_of_title(cell) for cell in bare]
     places = []
     for column in columns:
         at = [i for i, cell in enumerate(bare) if column in (cell, named[i])]
@@ -101,8 +103,9 @@ def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[ND
     try:
         rows = sheet.columns(places)
     except InputError as error:
-        raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in error.faults)) from None
-    units = [title(sheet.header[place]).unit for place in places]
+        faults = (fault.removesuffix(SKIPPING) for fault in error.faults)
+        raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in faults)) from None
+    units = [_unit_of(sheet, place) for place in places]
     if extent.name in named:
         rows = _matched(sheet, rows, named.index(extent.name), extent)
     elif len(rows) != extent.size:
@@ -112,12 +115,18 @@ def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[ND
     return rows, units
 
 
-def _name_of(cell: str) -> str:
-    """Return the name of a column, whether it has a unit or not."""
+def _unit_of(sheet: Sheet, place: int) -> Unit:
+    """Return the unit of a column.
+
+    Raises
+    ------
+    InputError
+        If it has none that can be read.
+    """
     try:
-        return title(cell).name
-    except InputError:
-        return cell
+        return title(sheet.header[place]).unit
+    except InputError as error:
+        raise InputError(f"table '{sheet.name}', column {shown_cell(sheet.header[place])}: {error}") from None
 
 
 def _matched(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Extent) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ Quantity = tuple[str, tuple[str, ...], Node]  # a name, its dimensions, what it 
 def has_wholes(model: Model) -> bool:
     """Whether a model has dimensions, and its motion is that of `motion_of_wholes`."""
     derived = model.shaped.lagrangian is not None  # its mass is full, and of elements alone
-    return bool(model.shapes.dims) and not derived and not model.mass_is_full
+    return bool(model.shapes.extents) and not derived and not model.mass_is_full
 
 
 def is_read_whole(model: Model) -> bool:

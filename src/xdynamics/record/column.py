@@ -16,8 +16,10 @@ from xdynamics.kernels import Layout
 from xdynamics.march import LogBlock, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.constraints import multiplier_dimensions
+from xdynamics.model.elementwise import names_of
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.reactions import reaction_dimensions
+from xdynamics.model.whole import has_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import Variable
 from xdynamics.shapes.blocks import Block as Quantity
@@ -95,6 +97,8 @@ class Units:
         observable = layout.declared.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
+        if has_wholes(self.about.model):  # not element by element: a sum may have a million terms
+            return spell(dimension_of(layout.wholes[name][1], self._of_wholes))
         return spell(dimension_of(self.about.model.observables[block.first], self._dimensions))
 
     @cached_property
@@ -103,6 +107,14 @@ class Units:
         model, coordinates = self.about.model, self.about.layout.coordinates
         dimensions, square = model.dimensions, model.time_unit.dimension**2
         return dimensions | {schema.acceleration(name): dimensions[name] / square for name in coordinates}
+
+    @cached_property
+    def _of_wholes(self) -> dict[str, Dimension]:
+        """The same of every quantity with dimensions, by its own name and not those of its elements."""
+        dimensions, square = self.about.model.dimensions, self.about.model.time_unit.dimension**2
+        known = {block.name: dimensions[block.first] for block in names_of(dimensions).blocks}
+        moved = self.about.layout.coordinates.blocks
+        return known | {schema.acceleration(own.name): known[own.name] / square for own in moved}
 
 
 @dataclass(frozen=True)

@@ -167,6 +167,8 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
             shapes.extent(dim)
         except InputError as error:
             raise InputError(f"{_label(node)}: {error}") from None
+    if twice := [dim for dim in node.dims if node.dims.count(dim) > 1]:
+        raise InputError(f"{_label(node)} goes along '{twice[0]}' twice; name it once")
     dims = set[str]().union(*inner)
     if node.function == "size":
         return set()
@@ -188,8 +190,18 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
         check_number_of_element(node)
         return set(inner[0]) - {node.dims[0]} | set(inner[1])
     if node.function == "cross" and (size := shapes.extent(node.dims[0]).size) != OF_CROSS:
-        raise InputError(f"{_label(node)} goes along '{node.dims[0]}' of {size} elements, and needs 3")
+        raise InputError(
+            f"{_label(node)} goes along '{node.dims[0]}' of {size} elements, and needs 3{_in_plane(node, size)}"
+        )
     return dims - set(node.dims) if node.function in REDUCTIONS else dims
+
+
+def _in_plane(node: Along, size: int) -> str:
+    """Say how the one component of a vector product is written that vectors in a plane have."""
+    if size != len(node.arguments):
+        return ""
+    (x, y), (u, v) = ([f"take({shown(part)}, {node.dims[0]}, {i})" for i in (0, 1)] for part in node.arguments)
+    return f"; in a plane write {x}*{v} - {y}*{u}"
 
 
 def _of_end(node: Along, dims: set[str], shapes: Shapes) -> set[str]:
