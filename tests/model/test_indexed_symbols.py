@@ -54,8 +54,11 @@ def test_both_energies_are_a_lagrangian() -> None:
 @pytest.mark.parametrize(
     ("energy", "message"),
     [
-        (Sum(U[I + 1], (I, 0, N - 1)), r"u\[i \+ 1\] goes from 1 to 6, and 'site' from 0 to 5"),
-        (Sum(U[I], (I, 0, 9)), r"u\[i\] goes from 0 to 9, and 'site' from 0 to 5"),
+        (
+            Sum(U[I + 1], (I, 0, N - 1)),
+            r"u\[i \+ 1\] goes from 1 to 6, and 'site' from 0 to 5; sum over fewer, or write Mod\(i \+ 1, 6\)",
+        ),
+        (Sum(U[I], (I, 0, 9)), r"u\[i\] goes from 0 to 9, and 'site' from 0 to 5; sum over fewer"),
         (
             Sum(U[I] * U[J], (I, 0, 2), (J, 0, 2)),
             "over i from 0 to 2 and j from 0 to 2 are both along 'site'; let one go from 0 to 4 and the other from its next",

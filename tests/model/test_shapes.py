@@ -446,3 +446,27 @@ def test_links_of_every_two_are_known_as_such() -> None:
     assert not any(Relation("pair", "body", "body", *ends).is_of_every_two for ends in others)
     assert not Relation("pair", "body", "wall", first, second).is_of_every_two
     assert [ends.tolist() for ends in every_two(5)] == [first.tolist(), second.tolist()]
+
+
+def test_links_between_two_dimensions_pull_both_ends() -> None:
+    """Assert that the same force, written of both coordinates, is that of its potential: opposite at the second ends."""
+    stretch = "(second(w, hung) - first(u, hung))"
+    acts = {"u": f"k*{stretch}", "w": f"k*{stretch}"}
+    first, second = np.array([1.0, 2.0, 4.0]), np.array([-3.0, 0.5])
+    sections = {
+        "name": "hung",
+        "dimensions": {"bead": 3, "wall": ["low", "high"]},
+        "relations": {"hung": {"from": "bead", "to": "wall"}},
+        "coordinates": {"u": {"unit": "m", "dims": ["bead"]}, "w": {"unit": "m", "dims": ["wall"]}},
+        "parameters": {"k": {"dims": ["hung"], "value": "1 + index(hung)", "unit": "N m-1"}},
+        "mass": {"u": "1*kilogram", "w": "2*kilogram"},
+        "initial": {"u": {"value": first.tolist(), "unit": "m"}, "w": {"value": second.tolist(), "unit": "m"}},
+        "run": {"method": "rk4", "step": "0.1 s", "until": "1 s"},
+    }
+    pulls = np.arange(1.0, 7.0).reshape(3, 2) * (second - first[:, None])
+    for force in ({"potential": f"0.5*k*{stretch}**2"}, acts):
+        run = xd.simulate(xd.Model(**sections, forces={"s": {"over": "hung", **force}}))
+        np.testing.assert_allclose(run.force_s_u[0], pulls.sum(1), rtol=1e-15)
+        np.testing.assert_allclose(run.force_s_w[0], -pulls.sum(0), rtol=1e-15)
+        momentum = run.v_u.sum("bead") + 2.0 * run.v_w.sum("wall")
+        assert float(abs(momentum).max()) < 1e-13

@@ -113,7 +113,9 @@ class IndexedTrees(Trees):
             dim, low, high = self._bound.pop(index)
             last, place = self._sizes[dim] - 1, Along("index", (), (dim,))
             if not 0 <= low <= high <= last:
-                raise InputError(f"the sum over {index} goes from {low} to {high}, and '{dim}' from 0 to {last}")
+                raise InputError(
+                    f"the sum over {index} goes from {low} to {high}, and '{dim}' from 0 to {last}; sum over fewer"
+                )
             for operator, bound, end in ((">=", low, 0), ("<=", high, last)):
                 if bound != end:
                     tree = Call("where", (Compare(operator, place, Number(float(bound))), tree, Number(0.0)))
@@ -220,7 +222,8 @@ class IndexedTrees(Trees):
             _, low, high = self._bound[counted[0]]
             if not ring and not (low + on >= 0 and high + on < self._sizes[dim]):
                 raise InputError(
-                    f"{one} goes from {low + on} to {high + on}, and '{dim}' from 0 to {self._sizes[dim] - 1}"
+                    f"{one} goes from {low + on} to {high + on}, and '{dim}' from 0 to {self._sizes[dim] - 1}; sum over"
+                    f" fewer, or write Mod({index}, {self._sizes[dim]}) in the brackets, of a ring"
                 )
             if on:
                 tree = Along("roll", (tree,), (dim,), -int(on))
