@@ -191,3 +191,11 @@ def test_columns_that_nobody_asked_for_are_left_out(tmp_path: Path) -> None:
         xd.compare(run, pd.DataFrame({"time [s]": [0.5], "q [m]": [1.0]}))
     with pytest.raises(xd.InputError, match="gaps is 'fill'; there are refuse, skip"):
         xd.compare(run, path, gaps="fill")
+
+
+def test_titles_that_are_cut_need_quotes() -> None:
+    """Assert that an element of two dimensions is one title in quotes, and that without them its table says so."""
+    assert Sheet.of("t.csv", 't [s],"r[Sun, x] [m]"\n0,1\n').header == ("t [s]", "r[Sun, x] [m]")
+    cut = Sheet.of("t.csv", "t [s],r[Sun, x] [m]\n0,1\n").layout
+    assert cut == "separated by commas, columns 't [s]', 'r[Sun', 'x] [m]'; titles with commas stand in quotes"
+    assert "quotes" not in Sheet.of("t.csv", "t [s];r[Sun, x] [m]\n0;1\n").layout

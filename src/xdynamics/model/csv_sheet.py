@@ -114,7 +114,9 @@ class Sheet:
     @cached_property
     def layout(self) -> str:
         """How the table was read, for messages."""
-        return f"separated by {SEPARATORS[self.separator]}, columns {few(shown(cell) for cell in self.header)}"
+        is_cut = any(cell.count("[") > cell.count("]") for cell in self.header)  # r[Sun, x] [m]
+        quoted = f"; titles with {SEPARATORS[self.separator]} stand in quotes" if is_cut else ""
+        return f"separated by {SEPARATORS[self.separator]}, columns {few(shown(cell) for cell in self.header)}{quoted}"
 
     @property
     def has_titles(self) -> bool:
