@@ -97,16 +97,37 @@ def test_parts_of_a_record_have_their_own_links(rows: slice) -> None:
     assert xd.sample(part, times).v_theta.values.tobytes() == xd.sample(run, times).v_theta.values.tobytes()
 
 
-def test_links_that_cannot_be_are_not_gone_on_with() -> None:
-    """Assert that closed links out of order, or of no contact's number, are found from the states instead."""
-    run, free = pile(), [name for name in pile().variables if str(name).startswith("closed_")]
-    found = xd.sample(run.drop_vars(free), TIMES)
-    for name, number in (
-        ("closed_pair", 10**6),
-        ("closed_friction_state", 9),
-        ("closed_step", -1),
-        ("closed_disc", 24),
-    ):
-        other = run.copy(deep=True)
-        other[name].values[np.flatnonzero(run[name].values >= 0)[-1]] = number
-        assert xd.sample(other, TIMES).v_theta.values.tobytes() == found.v_theta.values.tobytes()
+@pytest.mark.parametrize(
+    ("name", "number", "message"),
+    [
+        ("closed_pair", 10**6, "'closed_pair' is 1000000 at place .*there are 0 to 275"),
+        ("closed_friction_state", 9, "'closed_friction_state' is 9 at .*there are 0 to 3"),
+        ("closed_friction_state", -1, "'closed_friction_state' is -1 at .*there are 0 to 3"),
+        ("closed_step", -1, "'closed_step' is -1 after [0-9]+ at .*rows ascend"),
+        ("closed_step", 10**9, "'closed_step' is [0-9]+ after 1000000000 at .*rows ascend"),
+        ("closed_disc", 24, "'closed_disc' is 24 at .*there are 0 to 23"),
+        ("closed_contact", 100, "'closed_contact' is 100 at .*there are 0 to "),
+    ],
+)
+def test_links_that_cannot_be_are_refused(name: str, number: int, message: str) -> None:
+    """Assert that closed links out of order, or of no contact's number, do not get into compiled code."""
+    other = pile().copy(deep=True)
+    other[name].values[np.flatnonzero(other[name].values >= 0)[-2]] = number
+    with pytest.raises(xd.InputError, match=message):
+        xd.sample(other, TIMES)
+
+
+def test_a_link_listed_twice_is_refused() -> None:
+    """Assert that one row has each link once."""
+    twice = pile().isel(closed=np.repeat(np.arange(pile().sizes["closed"]), 2))
+    with pytest.raises(xd.InputError, match="links of a row ascend, each once"):
+        xd.sample(twice, TIMES)
+
+
+def test_links_in_another_order_are_refused_until_they_are_dropped() -> None:
+    """Assert that rows out of order are not searched as if they were in order, and that the remedy works."""
+    other = pile().isel(closed=slice(None, None, -1))
+    with pytest.raises(xd.InputError, match="rows ascend: the record was edited; .*drop its closed_"):
+        xd.sample(other, TIMES)
+    free = [name for name in other.variables if str(name).startswith("closed_")]
+    assert np.isfinite(xd.sample(other.drop_vars(free), TIMES).v_theta.values).all()

@@ -142,6 +142,15 @@ def test_an_event_names_its_element():
     assert run().event_body.attrs["flag_meanings"] == "none Sun Jupiter Saturn"
 
 
+@pytest.mark.parametrize("number", [-1, 100])
+def test_an_event_of_no_detector_is_refused(number):
+    """Assert that an edited record names the event whose number no detector has."""
+    other = run(BALLS).copy(deep=True)
+    other.event_detector.values[2] = number
+    with pytest.raises(xd.InputError, match=f"'event_detector' is {number} at event 2, and its flag_values are 0"):
+        unfold(other)
+
+
 def test_contacts_of_elements():
     """Assert that what a contact does is recorded along its elements."""
     assert run(BALLS).contact_force_floor.dims == ("step", "ball")

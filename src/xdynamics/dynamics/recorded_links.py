@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.faults import InputError
 from xdynamics.march.dense_output import ListedLinks
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
@@ -60,26 +61,51 @@ def links_read(run: xr.Dataset, model: Model) -> dict[str, Any]:
 
 
 def row_links(model: Model, read: Mapping[str, Any]) -> RowLinks | None:
-    """Return the closed links of a record's rows; None where it does not list them, or not of these rows."""
+    """Return the closed links of a record's rows; None where it does not list them, or not of these rows.
+
+    Raises
+    ------
+    InputError
+        If they are not in the order of rows, or one is no link of the model: compiled code reads them as they are.
+    """
     known = {name: np.asarray(column) for name, column in read.items()}
     cut = rows_cut(*(known[name] for name in OF_ROWS)) if known else None
     if cut is None:
         return None
-    steps, contacts = known[STEP].astype(np.int64) - cut, known[CONTACT]
-    if (np.diff(steps) < 0).any():
-        return None
-    numbers, begin = np.full(steps.size, -1), 0
-    for c, contact in enumerate(assemblies(model)):
+    steps, contacts, listing = known[STEP], known[CONTACT], assemblies(model)
+    _refuse(STEP, steps, steps[1:] < steps[:-1], "rows ascend")
+    _refuse(CONTACT, contacts, ~np.isin(contacts, range(len(listing))), _numbers_below(len(listing)))
+    numbers, begin = np.zeros(steps.size, np.int64), 0
+    for c, contact in enumerate(listing):
         own, shape = contacts == c, model.shapes.shape(contact.dims)
-        places = [known[at_closed(dim)][own] for dim in contact.dims]
-        if any((place < 0).any() or (place >= length).any() for place, length in zip(places, shape, strict=True)):
-            return None
+        places = []
+        for dim, length in zip(contact.dims, shape, strict=True):
+            place = known[at_closed(dim)]
+            _refuse(at_closed(dim), place, own & ~np.isin(place, range(length)), _numbers_below(length))
+            places.append(place[own].astype(np.int64))
         numbers[own] = begin + (np.ravel_multi_index(places, shape) if shape else 0)
         begin += contact.links
-    does = known.get(at_closed(FRICTION_STATE), np.zeros(steps.size, np.int64))
-    within = numbers.min(initial=0) >= 0 and np.isin(does, range(len(schema.LINK_STATES))).all()
-    ascend = (np.diff(numbers) > 0) | (np.diff(steps) > 0)
-    return RowLinks(steps, np.stack([numbers, does]).astype(np.int64)) if within and ascend.all() else None
+    _refuse(STEP, steps, (steps[1:] == steps[:-1]) & (numbers[1:] <= numbers[:-1]), "links of a row ascend, each once")
+    does, states = known.get(at_closed(FRICTION_STATE), np.zeros(steps.size, np.int64)), len(schema.LINK_STATES)
+    _refuse(at_closed(FRICTION_STATE), does, ~np.isin(does, range(states)), _numbers_below(states))
+    return RowLinks(steps.astype(np.int64) - cut, np.stack([numbers, does]).astype(np.int64))
+
+
+def _numbers_below(count: int) -> str:
+    return f"there are 0 to {count - 1}"
+
+
+def _refuse(name: str, values: Any, wrong: Any, needed: str) -> None:
+    """Refuse closed links as no march lists them, naming the first; of order `wrong` is told of all but the first."""
+    if not wrong.any():
+        return
+    in_order = values.size - wrong.size
+    place = int(np.flatnonzero(wrong)[0]) + in_order
+    before = f" after {values[place - 1]}" if in_order else ""
+    raise InputError(
+        f"'{name}' is {values[place]}{before} at place {place} along '{schema.CLOSED_LINKS}', and {needed}: the record was"
+        " edited; take what simulate or open_run gives, or drop its closed_... variables, and links are found from states"
+    )
 
 
 def rows_cut(time: Any, kinds: Any, event_time: Any, after: Any) -> int | None:

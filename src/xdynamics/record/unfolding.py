@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
+from xdynamics.faults import InputError
 from xdynamics.record.element_attributes import attributes_of_element
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import FOLDED, check_elements, fold, labelled, model_dimensions, unlabelled
@@ -132,6 +133,11 @@ def _detectors(
         first[number] = names
         names += math.prod(len(labels[dim]) for dim in along.get(word, ()))
     numbers = np.asarray(detector.values)
+    if (wrong := np.flatnonzero(~np.isin(numbers, [*first]))).size:
+        raise InputError(
+            f"'{DETECTOR}' is {numbers[wrong[0]]} at event {wrong[0]}, and its flag_values are {', '.join(map(str, first))}:"
+            " the record was edited; take what simulate or open_run gives"
+        )
     combined = np.array([first[number] for number in numbers.tolist()], np.int32)
     inside = np.zeros(len(combined), np.int32)
     for dim in dims:
