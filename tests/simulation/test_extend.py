@@ -29,6 +29,7 @@ CASES: dict[str, tuple[xd.Model, dict[str, Any], float]] = {
     "kept factors": (PENDULUM, {"method": "radau_iia", "rtol": 1e-6}, 1.0),
     "Newton": (PENDULUM, {"method": "implicit_midpoint", "step": 0.02}, 1.0),
     "scales": (PENDULUM, {"method": "dop853", "rtol": 1e-8, "scales": {"time": "0.3 s"}}, 1.0),
+    "bodies that have not met": (xd.Model.from_toml(MODELS / "granular_box.toml"), {}, 0.02),
     "states alone": (driven_decay().model, {"method": "dormand_prince", "rtol": 1e-8}, 1.0),
     "a start at rest, steps beyond the span": (
         particle("F", "0 m s-1", initial={"x": "0 m", "v_x": "0 m s-1"}),
@@ -37,13 +38,15 @@ CASES: dict[str, tuple[xd.Model, dict[str, Any], float]] = {
     ),
 }
 
+LATER = {"far beyond": 30, "bodies that have not met": 0.03}
+
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize("name", CASES)
 def test_extended_is_one_march(name: str) -> None:
     """Assert that a run extended has the content of one march with a node at the old end, every attribute too."""
     model, asked, end = CASES[name]
-    longer = xd.extend(xd.simulate(model, **asked, until=end), until=30 if name == "far beyond" else 2.2)
+    longer = xd.extend(xd.simulate(model, **asked, until=end), until=LATER.get(name, 2.2))
     located = longer.attrs.get("solver_time_tolerance")  # of a span below a second it is not that of a longer one
     whole = xd.simulate(model, **asked, until=float(longer.attrs["solver_until"]), nodes=[end], time_tolerance=located)
     assert bitwise(longer, whole).attrs["first_difference"] == ""

@@ -187,7 +187,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         raise InputError(
             f"the run has {rows} rows and its memory is of {int(now.rows)}: it was cut; extend the whole run"
         )
-    if "event_energy_lost" in kept:
+    if "event_energy_lost" in kept and kept.sizes[EVENTS]:
         march.gains = with_more(Gains(), march.layout, _impacts_of(kept, march), 0)
     if "event_position" in kept:
         labels = kept["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
