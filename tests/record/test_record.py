@@ -194,7 +194,8 @@ def test_a_record_is_what_xarray_would_build(made: Callable[[], xr.Dataset]) -> 
     assert built.identical(run)
     assert (built.sizes, set(built.coords), dict(built.indexes)) == (run.sizes, set(run.coords), dict(run.indexes))
     assert built.isel(step=slice(2)).identical(run.isel(step=slice(2)))
-    assert run.encoding == {}
+    assert run.encoding == {} == run.time.encoding
+    assert all(type(variable.dims) is tuple and variable.encoding == {} for variable in run.variables.values())
     assert run.copy(deep=True).identical(run)
 
 

@@ -72,6 +72,8 @@ def _numbers(run: Run) -> tuple[str, Floats]:
 
 def rest_on(run: Run, numbers: Floats) -> None:
     """Let the arrays of a march that has ended be parts of the numbers that its record keeps, instead of copies."""
+    if numbers.nbytes < LARGE:
+        return
     first = 0
     for name in _at_end(run):
         array, fields = getattr(run, name), _fields(run, name)
@@ -119,7 +121,9 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
 def _fields(run: Run, name: str) -> tuple[str, ...]:
     """Return the fields of an array whose final values a record keeps; of times rests only where numbers have them."""
     fields = getattr(run, name).dtype.names or ()
-    return tuple(field for field in fields if field != "rest" or run.plan[0].doubled)
+    if "rest" not in fields or run.plan[0].doubled:
+        return fields
+    return tuple(field for field in fields if field != "rest")
 
 
 def _at_end(run: Run) -> list[str]:

@@ -28,6 +28,7 @@ from xdynamics.model import Model
 from xdynamics.model.controllers import actions, alarms, exact_time, faults_of_ticks
 from xdynamics.model.parts import MOST_REACTIONS
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import ENERGIES, sampled
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
 from xdynamics.units.rounded import exact_value
@@ -191,7 +192,7 @@ class Settings:
         """Whether events are located one by one, each substep a rejected trial."""
         return self.event_root_method == ONE_BY_ONE
 
-    @property
+    @cached_property
     def scheme(self) -> Scheme:
         """The method with its estimator."""
         by_hermite = self.event_root_method != EARLIEST_FIRST

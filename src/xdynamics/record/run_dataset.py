@@ -109,16 +109,18 @@ def foreseen(march: March) -> xr.Dataset:
 def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
     """Return the variables of one march as a Dataset, without aligning, comparing or copying them.
 
-    xarray's public constructor takes each of some hundred variables apart several times, longer than a short march lasts;
-    the result is the same, and dimensions of unequal sizes are refused here too.
+    xarray's public constructors take each of some hundred variables apart several times, longer than a short march
+    lasts; the result is the same, and dimensions of unequal number or sizes are refused here too.
     """
     import xarray as xr
 
-    # fastpath: xarray would import dask to find out that a numpy array is not a dask array
-    variables = {
-        variable.name: xr.Variable(variable.dims, data, variable.attributes, fastpath=True)
-        for variable, data in sorted(filled, key=lambda pair: pair[0].name == TIME)
-    }
+    variables = {}
+    for variable, data in sorted(filled, key=lambda pair: pair[0].name == TIME):
+        if len(variable.dims) != data.ndim:
+            raise ValueError(f"'{variable.name}' has shape {data.shape} along {variable.dims}")
+        made = variables[variable.name] = xr.Variable.__new__(xr.Variable)
+        made._dims, made._data, made._attrs = variable.dims, data, variable.attributes  # noqa: SLF001
+        made._encoding = None  # noqa: SLF001
     coordinates: set[Any] = {TIME, *(variable.name for variable, _ in filled if variable.role == LABEL)}
     return xr.Dataset._construct_direct(variables, coordinates, attrs=attributes)  # noqa: SLF001
 
