@@ -391,3 +391,20 @@ def test_contacts_of_bodies_have_their_gaps_along_them(unit: str) -> None:
     assert np.abs(gap.values - wanted).max() < 1e-15
     closed = gap.values[run.closed_step.values, run.closed_ball.values, run.closed_axis.values]
     assert np.abs(closed - run.closed_gap.values).max() < 1e-17
+
+
+def test_discs_that_rest_have_no_size_of_their_own() -> None:
+    """Assert that given steps of radau_iia are solved where links hold velocities that are but rounding about zero."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), method="radau_iia", step="2 ms", until="0.28 s")
+    assert run.attrs["run_outcome"] == "completed"
+    held = np.abs(run.v_r.values[-1])
+    assert 0.0 < held[held > 0.0].min() < 1e-12 < held.max()
+
+
+@pytest.mark.dear
+def test_steps_of_discs_that_rest_are_solved_anew() -> None:
+    """Assert that `diagnose` makes all of them again, and from states that are a spacing off, too."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), method="radau_iia", step="2 ms", until="0.28 s")
+    found = xd.diagnose(run)
+    assert found.attrs["continuity_rule"] == f"each of {int(found.continuity_steps)} steps was made again"
+    assert int(found.continuity_verdict) == 0

@@ -37,6 +37,7 @@ MOST_TURNS = np.int64(constants.MOST_TURNS)  # no literal: numba compiles a copy
 MOST_SETTLING = np.int64(25)  # where the step is given
 SETTLED = 1e-15  # a correction relative to the size of its unknown, where the step is given
 ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
+PART = 1e-6  # of the largest unknown of a kind: what links hold is no size of its own, but rounding about zero
 NEAR = 1e-2  # below which the derivatives at an iterate serve the next ones too
 UNSOLVED_GROWTH = 0.5
 AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
@@ -186,6 +187,23 @@ def judged(run: Run, size: float, turn: int) -> int:
     return OPEN if turn < most else IN_VAIN
 
 
+@shared
+def moved_by(run: Run, i: int) -> float:
+    """Return how far an unknown has moved since the start of the step, at most."""
+    n = run.plan[0].used
+    return max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
+
+
+@shared
+def largest_of_kinds(run: Run, h: float, y: State) -> None:
+    """Find the largest size of an unknown of each kind."""
+    for k in range(run.tops.shape[0] // 2):
+        run.tops[k] = 0.0
+    for i in range(run.plan[0].used):
+        size = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved_by(run, i)
+        run.tops[run.kinds[i]] = max(run.tops[run.kinds[i]], size)
+
+
 @compiled
 def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
     """Correct all stages once; return the largest correction relative to the tolerance of its unknown."""
@@ -246,13 +264,18 @@ def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> Non
 def correction(run: Run, h: float, y: State) -> float:
     """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown."""
     n, plan, largest = run.plan[0].used, run.plan[0], 0.0
+    held = not plan.adaptive and plan.assemblies > 0
+    if held:
+        largest_of_kinds(run, h, y)
     for i in range(n):
         scale = run.atol[i] + plan.rtol * abs(y[i])
-        moved = max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
+        moved = moved_by(run, i)
         if plan.follows and scale == 0.0:  # it was at rest: its move is the only scale
             scale = plan.rtol * moved
         if not plan.adaptive:
             scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
+            if held:
+                scale = max(scale, PART * run.tops[run.kinds[i]])
         for k in range(3):
             change = abs(run.defects[k * n + i])
             if change != 0.0:
