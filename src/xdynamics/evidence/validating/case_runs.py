@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.event_matching import met
-from xdynamics.evidence.observables import observables_of, observe
-from xdynamics.evidence.runs import march_elements
+from xdynamics.evidence.observables import is_observable, observe
+from xdynamics.evidence.observed_quantities import given_to
+from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import scale_of
 from xdynamics.evidence.validating.ledger_rows import LedgerRow
+from xdynamics.evidence.validating.worst_elements import MOST_ALONE, of_worst
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
@@ -25,9 +27,16 @@ from xdynamics.model import Model
 from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
+from xdynamics.model.whole import written_out
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.named_elements import column, find_column
+from xdynamics.record.unfolding import whole_of
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import STEPS, velocity
+from xdynamics.schema import AT, STEPS, acceleration, velocity
+from xdynamics.shapes import Extent, at
+from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes.naming import element, parted, written
 from xdynamics.units import Quantity, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
@@ -46,10 +55,8 @@ WIDER = 1.5  # times its first part, the most that a band may be in its last one
 class CaseRuns:
     """The runs of one model by one method, each marched when first needed."""
 
-    def __init__(
-        self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march_elements
-    ) -> None:
-        self.model, self.method, self.marched = model, METHODS[method], marched
+    def __init__(self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march) -> None:
+        self.model, self.method, self._march = model, METHODS[method], marched
         refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
         self.refused = by_differences
         self.asked: dict[str, Any] = {"method": method}
@@ -69,13 +76,18 @@ class CaseRuns:
             return "the method locates no events"
         return ""
 
+    def marched(self, **asked: Any) -> xr.Dataset:
+        """March the model; a quantity with dimensions is one variable."""
+        return whole_of(self._march(self.model, **asked))
+
     @cached_property
     def run(self) -> xr.Dataset:
         """The run with the steps of the model's `[run]`."""
-        return self.marched(self.model, **self.asked)
+        return self.marched(**self.asked)
 
     @cached_property
-    def _digest(self) -> str:
+    def digest(self) -> str:
+        """The content digest of the run."""
         return archive.digest_of_run(self.run)
 
     @property
@@ -101,16 +113,16 @@ class CaseRuns:
             raise InputError(
                 f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones"
             )
-        return self.marched(self.model, **self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
+        return self.marched(**self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
 
     @cached_property
     def unscaled(self) -> xr.Dataset:
         """The run without scales."""
         settings = {key: value for key, value in self.model.run.items() if key != "scales"}
-        return self.marched(self.model, **settings | self.asked | {"scales": {}})
+        return self.marched(**settings | self.asked | {"scales": {}})
 
     def filled(self, row: LedgerRow, case: Validation) -> LedgerRow:
-        """Return a line with its residual, bound and scale.
+        """Return a line with its residual, bound and scale: of a quantity with dimensions those of its worst element.
 
         Raises
         ------
@@ -118,7 +130,7 @@ class CaseRuns:
             If the closed form or the run does not fit the case.
         """
         run = self.run
-        row = replace(row, units=_units(run, case), run=self._digest)
+        row = replace(row, units=_units(run, case), run=self.digest)
         self.check_dimension(case, row.units)
         end = float(run.variables["time"][-1])
         if run.attrs["run_outcome"] not in GOOD or max(case.times, default=end) > end:
@@ -136,20 +148,24 @@ class CaseRuns:
             residual, expected = self.residual(run, case), self.expected(run, case)
             if case.bound == BAND:
                 part = max(1, len(residual) // TENTH)
-                most = BAND_AT_MOST * float(np.max(np.abs(run.variables[case.quantity])))
-                bound = min(WIDER * float(np.max(residual[:part])), most) + self.rounding(case)
+                most = BAND_AT_MOST * _largest(column(run, case.quantity).values)
+                bound = np.minimum(WIDER * np.max(residual[:part], axis=0), most) + self.rounding(case)
                 residual, expected = residual[-part:], expected[-part:]
             else:
                 bound = self.bound(case)
         except LookupError as error:
             return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
         if case.bound == UNSCALED:
-            here, there = (np.asarray(record.variables[case.quantity]) for record in (run, self.unscaled))
+            here, there = (column(record, case.quantity).values for record in (run, self.unscaled))
             if here.shape != there.shape:
                 return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
             residual, expected = np.abs(here - there), there
-        scale = float(scale_of(expected, residual))  # where 0 is expected, the residual is the computed value
-        return replace(row, residual=float(np.max(residual)), bound=bound, scale=scale)
+        scale = scale_of(expected, residual)  # where 0 is expected, the residual is the computed value
+        return of_worst(row, self._block(case), np.max(residual, axis=0), bound, scale)
+
+    def _block(self, case: Validation) -> Block:
+        """Return the elements that are compared together: of one element, or without dimensions, that alone."""
+        return Block.of(case.quantity, "", self.model.shapes)
 
     def check_dimension(self, case: Validation, units: str) -> None:
         """Refuse a closed form in another unit than the quantity it is compared with.
@@ -159,15 +175,16 @@ class CaseRuns:
         InputError
             Naming both.
         """
-        dimension = dimension_of(self.model.expanded(case.expression), self.model.dimensions)
+        one = at(case.expression, dict.fromkeys(self._block(case).dims, 0), self.model.shapes)
+        dimension = dimension_of(self.model.expanded(one), self.model.dimensions)
         if dimension != parse_unit(units).dimension:
             raise InputError(
                 f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of"
                 f" '{case.quantity}'"
             )
 
-    def bound(self, case: Validation) -> float:
-        """Return the most that a residual may be, in the record's unit."""
+    def bound(self, case: Validation) -> Any:
+        """Return the most that a residual may be, of each element, in the record's unit."""
         if isinstance(case.bound, Quantity):
             return float(case.bound.si / parse_unit(_units(self.run, case)).factor)
         if case.bound == UNSCALED:
@@ -175,37 +192,38 @@ class CaseRuns:
         by_order = case.bound == ORDER or exact_from(case.bound) > self.method.order
         if not by_order:
             return self.rounding(case)
-        most = ORDER_AT_MOST * float(np.max(np.abs(self.true(self.run, case))))
-        halved = float(np.max(self.residual(self.coarse, case))) / self.by_order
-        return min(halved, most) + self.rounding(case)
+        most = ORDER_AT_MOST * _largest(self.true(self.run, case))
+        halved = np.max(self.residual(self.coarse, case), axis=0) / self.by_order
+        return np.minimum(halved, most) + self.rounding(case)
 
-    def rounding_of(self, name: str) -> float:
-        """Return a bound of the rounding error of a quantity."""
+    def rounding_of(self, name: str) -> Any:
+        """Return a bound of the rounding error of a quantity, of each element."""
         run = self.run
         steps, span = run.sizes[STEPS], float(run.variables["time"][-1] - run.variables["time"][0])
-        size = float(np.max(np.abs(run.variables["time" if name == "t" else name])))
-        if name in self.model.coordinates:
-            size += span * float(np.max(np.abs(run.variables[velocity(name)])))
+        size = _largest(column(run, "time" if name == "t" else name).values)
+        if parted(name)[0] in self.model.shaped.coordinates:
+            size = size + span * _largest(column(run, velocity(name)).values)
         return (self.method.evaluations + 2) * steps * EPS * size
 
-    def rounding(self, case: Validation) -> float:
-        """Return a bound of the rounding error, plus the uncertainty of location at an event."""
+    def rounding(self, case: Validation) -> Any:
+        """Return a bound of the rounding error of each element, plus the uncertainty of location at an event."""
         run, name, error = self.run, case.quantity, self.rounding_of(case.quantity)
         if case.event:
             k, row = _met(run, case)
             uncertainty = float(run.variables["event_time_uncertainty"][k])
-            rates = {
-                **{coordinate: velocity(coordinate) for coordinate in self.model.coordinates},
-                **{velocity(coordinate): f"a_{coordinate}" for coordinate in self.model.coordinates},
-            }
-            error += (
-                uncertainty
-                if name == "t"
-                else uncertainty * abs(float(run.variables[rates[name]][row - 1]))
-                if name in rates
-                else 0.0
-            )
+            rate = self._rate_of(name)
+            if name == "t":
+                error = error + uncertainty
+            elif rate:
+                error = error + uncertainty * np.abs(column(run, rate).values[row - 1])
         return error
+
+    def _rate_of(self, name: str) -> str:
+        """Return the recorded rate of a coordinate or velocity, or of an element of one; of others nothing."""
+        whole, labels = parted(name)
+        coordinates = self.model.shaped.coordinates
+        rates = {own: velocity(own) for own in coordinates} | {velocity(own): acceleration(own) for own in coordinates}
+        return element(rates[whole], labels) if whole in rates else ""
 
     def residual(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return absolute differences from the closed form, in the record's unit.
@@ -217,11 +235,11 @@ class CaseRuns:
         """
         name, times = case.quantity, self._times(run, case)
         if case.event:
-            values = times if name == "t" else run.variables[name].values[_met(run, case)[1] :][:1]
+            values = times if name == "t" else column(run, name).values[_met(run, case)[1] :][:1]
         elif case.times:
             values = self._at(run, name, times)
         else:
-            values = run.variables[name].values
+            values = column(run, name).values
         return np.abs(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
 
     def _times(self, run: xr.Dataset, case: Validation) -> Floats:
@@ -241,36 +259,53 @@ class CaseRuns:
         return self._exact(case, self._times(run, case)) / float(parse_unit(_units(run, case)).factor) - origin
 
     def _exact(self, case: Validation, times: Floats) -> Floats:
-        tree = self.model.expanded(case.expression)
-        return np.broadcast_to(
-            evaluated_many(self.model, [tree], {"t": times}, constants(self.model), ())[0], times.shape
-        )
-
-    @cached_property
-    def _observable(self) -> frozenset[str]:
-        return frozenset(observables_of(self.model))
+        """Evaluate a closed form at times: shape (times, ...), SI."""
+        block, given = self._block(case), constants(self.model)
+        if not block.dims:
+            tree = self.model.expanded(case.expression)
+            return np.broadcast_to(evaluated_many(self.model, [tree], {"t": times}, given, ())[0], times.shape)
+        tree, shapes = written_out(self.model, case.expression), self.model.shapes
+        dims, extents = {**shapes.dims, "t": (AT,)}, {**shapes.extents, AT: Extent(AT, len(times))}
+        known = {"t": times, **(given_to(self.model, [tree]) or given)}
+        found = evaluate_elements(tree, (*block.dims, AT), known, replace(shapes, dims=dims, extents=extents), AT)
+        return np.moveaxis(found, -1, 0)
 
     def _observed(self, run: xr.Dataset, name: str, times: tuple[float, ...]) -> Floats:
         """Return a quantity at times; what all closed forms at these times are of is found at once."""
-        for known, at, values in self._observations:
-            if known is run and at == times and name in values:
+        for known, asked, values in self._observations:
+            if known is run and asked == times and name in values:
                 return values[name]
-        cases = self.model.validation.values()
-        beside = [case.quantity for case in cases if case.times == times and case.quantity in self._observable]
-        found = observe(run, self.model, [*dict.fromkeys([name, *beside])], np.array(times))
+        cases = self.model.shaped.validation.values()
+        beside = [one for case in cases if case.times == times for one in self._observed_together(case)]
+        names = dict.fromkeys([name, *(word for word in beside if is_observable(self.model, word))])
+        found = observe(run, self.model, [*names], np.array(times))
         self._observations.append((run, times, {observed: values for observed, (values, _) in found.items()}))
         return found[name][0]
 
+    def _observed_together(self, case: Validation) -> Iterable[str]:
+        """Return the names that values of a closed form are asked for by: its quantity, or elements."""
+        block = Block.of(written(case.quantity), "", self.model.shapes)
+        return [block.name] if block.size > MOST_ALONE and is_observable(self.model, block.name) else block.elements()
+
     def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
         """Return a quantity at times; quantities that are not observables are known at accepted times only."""
-        if name in self._observable:
+        if is_observable(self.model, name):
             return self._observed(run, name, tuple(times.tolist()))
+        block = Block.of(name, "", self.model.shapes)
+        if block.dims and is_observable(self.model, block.first):
+            of_elements = [self._observed(run, one, tuple(times.tolist())) for one in block.elements()]
+            return np.stack(of_elements, axis=-1).reshape(-1, *block.shape)
         accepted = run.variables["time"].values
         rows = np.searchsorted(accepted, times + NEAR * (accepted[-1] - accepted[0]), side="right") - 1
         if (np.abs(accepted[rows] - times) > NEAR * (accepted[-1] - accepted[0])).any():
             raise InputError(f"'{name}' is known at accepted states alone; give times that are, or leave them out")
-        values: Floats = run.variables[name].values[rows]
+        values: Floats = column(run, name).values[rows]
         return values
+
+
+def _largest(values: Floats) -> Any:
+    """Return the largest size of each element along the first axis."""
+    return np.max(np.abs(values), axis=0)
 
 
 def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
@@ -286,12 +321,13 @@ def _units(run: xr.Dataset, case: Validation) -> str:
     """Return the unit of a quantity in a record."""
     if case.quantity == "t":
         return time_unit(run).text
-    if case.quantity not in run.variables or run.variables[case.quantity].dims != (STEPS,):
+    found = find_column(run, case.quantity)
+    if found is None or found.dims[:1] != (STEPS,):
         raise InputError(
             f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without"
             " it the name of the table is one"
         )
-    return str(run.variables[case.quantity].attrs["units"])
+    return str(found.attrs["units"])
 
 
 def times_in_words(case: Validation, model: Model) -> str:

@@ -8,15 +8,15 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics import archive
 from xdynamics.evidence.kept_results import Keep
-from xdynamics.evidence.runs import march_elements
+from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, inputs_of, march_task, remembered, results_of
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.evidence.validating.ledger_rows import ROWS, LedgerRow, ledger_dataset
 from xdynamics.evidence.validating.proven_bounds import beside_bounds, rows_of_bounds
+from xdynamics.evidence.validating.worst_elements import MOST_ALONE
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS, unknown_method
@@ -24,6 +24,8 @@ from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Validation
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
+from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.naming import written
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,7 +71,9 @@ def validate(
     -------
     xarray.Dataset
         Along `case`, stage by stage: `case_name`, `case_method`, `case_stage`, `case_relation` (the closed form),
-        `case_observable`, `case_where` (times, or an event), `case_norm`, `residual` and `bound` (in `case_units`),
+        `case_observable`, `case_elements` (over 100 elements of one
+        quantity are one case; `case_worst_element` is the one whose residual is the largest part of its bound,
+        `case_elements_failed` says how many are above theirs), `case_where` (times, or an event), `case_norm`, `residual` and `bound` (in `case_units`),
         `scaled_residual` over `residual_scale` (the largest expected size, in `case_units`; one expected value may be
         0), `case_bound_rule`, `verdict` (a flag: passed failed refused), `case_note`, `case_run` (content digest).
 
@@ -227,7 +231,7 @@ class Case:
         )
         return Task.of("case", partial(_rows_of, self), (), *words)
 
-    def rows(self, marched: Callable[..., xr.Dataset] = march_elements) -> Iterator[LedgerRow]:
+    def rows(self, marched: Callable[..., xr.Dataset] = march) -> Iterator[LedgerRow]:
         """Yield the lines of the ledger, of runs that are marched when they are first needed."""
         runs = CaseRuns(self.model, self.method, own=self.stage > 0, marched=marched)
         for row, case in self._forms():
@@ -261,11 +265,23 @@ class Case:
 
     def _forms(self) -> Iterator[tuple[LedgerRow, Validation]]:
         """Yield every closed form, with its line as far as it is known."""
-        for name, case in self.model.validation.items():
+        for name, case, elements in self._closed_forms():
             where = f"at {case.event} {case.occurrence}" if case.event else times_in_words(case, self.model)
             rule = str(case.bound) if isinstance(case.bound, str) else "given"
             relation = text_of(case.expression)
-            yield LedgerRow(f"{self.prefix}{name}", self.method, self.stage, relation, case.quantity, where, rule), case
+            row = LedgerRow(f"{self.prefix}{name}", self.method, self.stage, relation, case.quantity, where, rule)
+            yield replace(row, elements=elements), case
+
+    def _closed_forms(self) -> Iterator[tuple[str, Validation, int]]:
+        """Yield closed forms by their names, and for how many elements each is: of many together, of few one by one."""
+        for name, form in self.model.shaped.validation.items():
+            quantity = written(form.quantity)
+            block = Block.of(quantity, "", self.model.shapes)
+            if block.size > MOST_ALONE:
+                yield name, replace(form, quantity=quantity, event=written(form.event)), block.size
+            else:
+                names = block._replace(name=name).elements()
+                yield from ((one, self.model.validation[one], 1) for one in names)
 
 
 def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow]:
@@ -278,7 +294,7 @@ def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRo
         why = f"the method refuses: {'; '.join(marched.refused)}" if marched.refused else "the method locates no events"
         yield replace(row, note=why)
         return
-    checks = list(checks_of(marched.run, marched.model))
+    checks = list(checks_of(unfold(marched.run), marched.model))
     if not checks and not stage:
         yield replace(row, note="the run has no impact")
     for check in checks:
@@ -292,11 +308,11 @@ def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRo
             residual=check.residual,
             bound=check.bound,
             note=check.note,
-            run=archive.digest_of_run(marched.run),
+            run=marched.digest,
             norm="largest, measured by its bound",
         )
 
 
 def _rows_of(case: Case) -> list[LedgerRow]:
     """Return the lines of a case, in a task; runs that other stages need too are marched once."""
-    return [*case.rows(lambda model, **asked: unfold(remembered(march_task(model, **asked))))]
+    return [*case.rows(lambda model, **asked: remembered(march_task(model, **asked)))]

@@ -46,6 +46,9 @@ class LedgerRow:
     scale: float = np.nan
     note: str = ""
     run: str = ""
+    elements: int = 1
+    failed_elements: int = 0
+    worst: str = ""
 
     @property
     def verdict(self) -> int:
@@ -73,6 +76,10 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         "case_bound_rule": ("rule", "how the bound is derived"),
         "case_note": ("note", "why a case was refused, or what was missing"),
         "case_run": ("run", "content digest of the run"),
+        "case_worst_element": (
+            "worst",
+            "element that residual, bound and scale are of, where several are judged as one case",
+        ),
     }
     variables: dict[str, Any] = {
         name: ((CASE,), np.array([spoken(getattr(row, key)) for row in rows]), about("1", long_name, ROLE))
@@ -103,8 +110,21 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
             about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
     }
+    variables |= _counts(rows)
     runs = [digest for digest in dict.fromkeys(row.run for row in rows) if digest]
     return exhibit("ledger", title, runs, variables, {})
+
+
+def _counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:
+    """Return how many elements each line is of, and how many of them have failed."""
+    counts = {
+        "case_elements": ("elements", "how many elements of the quantity are judged as one case"),
+        "case_elements_failed": ("failed_elements", "how many of these have a residual above their bound"),
+    }
+    return {
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE))
+        for name, (key, long_name) in counts.items()
+    }
 
 
 def lines_of(ledger: xr.Dataset) -> Iterator[str]:
@@ -119,6 +139,12 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
             residual, bound, scale, over_scale = (
                 float(ledger[name][k]) for name in ("residual", "bound", RESIDUAL_SCALE, SCALED_RESIDUAL)
             )
+            many = int(ledger["case_elements"][k]) if "case_elements" in ledger else 1
+            if many > 1:
+                failed, worst = int(ledger["case_elements_failed"][k]), str(ledger["case_worst_element"][k].item())
+                entry["observable"] += (
+                    f" ({failed} of {many} elements; worst {worst})" if worst else f" ({many} elements)"
+                )
             numbers = f"residual {residual:.3g} {entry['units']}, bound {bound:.3g} {entry['units']}"
             numbers += f", scaled {over_scale:.3g} by {scale:.3g} {entry['units']}" if np.isfinite(scale) else ""
             yield (

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive
 from xdynamics.evidence.enclosing.enclosure import enclosure_request
 from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED
 from xdynamics.evidence.stage_tasks import remembered
@@ -19,6 +18,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.model.closed_forms import ORDER
+from xdynamics.record.named_elements import column
 from xdynamics.schema import AT_TIME, bounds_of
 
 if TYPE_CHECKING:
@@ -60,12 +60,12 @@ def beside_bounds(runs: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow
 def _filled(row: LedgerRow, runs: CaseRuns, tube: xr.Dataset) -> LedgerRow:
     """Return a line with its residual, bound and scale."""
     run, name = runs.run, row.observable
-    row = replace(row, units=str(run[name].attrs["units"]), run=archive.digest_of_run(run))
+    row = replace(row, units=str(column(run, name).attrs["units"]), run=runs.digest)
     if run.attrs["run_outcome"] not in GOOD or float(run["time"][-1]) != runs.end:
         why = f"the run ended before: {run.attrs['run_outcome_text']}"
         return replace(row, residual=np.inf, bound=0.0, note=why)
     common = np.flatnonzero((_rows_at(run, tube) >= 0) & (_rows_at(runs.coarse, tube) >= 0))
-    most, scale = (float(np.max(np.abs(values))) for values in (run[name], tube[bounds_of(name)[1]]))
+    most, scale = (float(np.max(np.abs(values))) for values in (column(run, name).values, tube[bounds_of(name)[1]]))
     halved = _outside(runs.coarse, name, tube, common) / runs.by_order
     bound = min(halved, ORDER_AT_MOST * most) + runs.rounding_of(name)
     return replace(row, residual=_outside(run, name, tube, common), bound=bound, scale=scale)
@@ -81,6 +81,6 @@ def _rows_at(run: xr.Dataset, tube: xr.Dataset) -> Rows:
 
 def _outside(run: xr.Dataset, name: str, tube: xr.Dataset, common: Rows) -> float:
     """Return the largest distance of a run from the bounds, at some of their times; 0 within."""
-    values = run[name].values[_rows_at(run, tube)[common]]
+    values = column(run, name).values[_rows_at(run, tube)[common]]
     low, high = (tube[bound].values[common] for bound in bounds_of(name))
     return float(np.max(np.maximum(np.maximum(low - values, values - high), 0.0)))

@@ -1,0 +1,155 @@
+"""The validation ledger of quantities of many elements: one line for each closed form, with the worst element named."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.evidence.validating import case_runs, ledger
+from xdynamics.evidence.validating.ledger_rows import lines_of
+from xdynamics.evidence.validating.worst_elements import MOST_ALONE
+from xdynamics.record.flag_words import words_of
+
+# links are one fewer
+FEW, MANY = MOST_ALONE + 2, 4 * MOST_ALONE
+CHAIN = """
+name = "chain"
+[dimensions]
+site = {n}
+[relations.link]
+of = "site"
+neighbours = 1
+[coordinates]
+u = {{ unit = "mm", dims = ["site"] }}
+[parameters]
+k = "4 N m-1"
+m = "1 kg"
+one = {{ dims = ["site"], value = "1 + 0*index(site)" }}
+A = "0.1 m"
+[mass]
+u = "m"
+[definitions]
+shape = "one*A*sin(pi*(index(site) + 1)/(size(site) + 1))"
+rate = "2*sqrt(k/m)*sin(pi/(2*(size(site) + 1)))"
+[forces.springs]
+u = "k*(shift(u, site, 1, 0*metre) - 2*u + shift(u, site, -1, 0*metre))"
+[observables]
+stretch = "(second(u, link) - first(u, link))/A"
+[events.start]
+function = "t - 0.15*second"
+[initial]
+u = "A*sin(pi*(index(site) + 1)/(size(site) + 1))"
+[run]
+method = "velocity_verlet"
+step = "0.1 s"
+until = "0.4 s"
+scales = {{ length = "3 mm" }}
+"""
+FORM = '[validation.form]\nquantity = "{quantity}"\nexpression = "{expression}"\nbound = "{bound}"\n{more}'
+MOTION, SPEED = "shape*cos(rate*t)", "-shape*rate*sin(rate*t)"
+STRETCH = "(second(shape, link) - first(shape, link))*cos(rate*t)/A"
+TIMES, EVENT = 'times = ["0.13 s", "0.3 s"]', 'event = "start"'
+CASES = {
+    "order": ("u", MOTION, "order", ""),
+    "order of velocities": ("v_u", SPEED, "order", ""),
+    "rounding": ("u", MOTION, "rounding", ""),
+    "band": ("u", MOTION, "band", ""),
+    "unscaled": ("u", MOTION, "unscaled", ""),
+    "given": ("u", MOTION, "0.05 nm", ""),
+    "at times": ("u", MOTION, "order", TIMES),
+    "at an event": ("u", MOTION, "rounding", EVENT),
+    "velocities at an event": ("v_u", SPEED, "rounding", EVENT),
+    "of links": ("stretch", STRETCH, "order", ""),
+    "of links at times": ("stretch", STRETCH, "order", TIMES),
+}
+
+
+def model_of(n: int, case: str) -> xd.Model:
+    """Return a chain with a closed form."""
+    quantity, expression, bound, more = CASES[case]
+    form = FORM.format(quantity=quantity, expression=expression, bound=bound, more=more)
+    return xd.Model.from_text(CHAIN.format(n=n) + form)
+
+
+def one_by_one(model: xd.Model, monkeypatch: pytest.MonkeyPatch) -> xr.Dataset:
+    """Validate a model with a line for each element."""
+    with monkeypatch.context() as patch:
+        for module in (ledger, case_runs):
+            patch.setattr(module, "MOST_ALONE", 10**6)
+        return xd.validate(model)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_line_is_that_of_the_worst_element(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a line has the digits of its worst element alone, fails where any does, and counts those that do."""
+    model = model_of(FEW, case)
+    every, line = one_by_one(model, monkeypatch), xd.validate(model)
+    assert (line.sizes["case"], every.sizes["case"]) == (1, FEW - (CASES[case][0] == "stretch"))
+    (worst,) = line.case_worst_element.values
+    (k,) = np.flatnonzero(every.case_observable.values == worst)
+    for name in ("residual", "bound", "residual_scale", "scaled_residual", "verdict", "case_run", "case_units"):
+        assert line[name][0].item() == every[name][k].item(), name
+    failed = np.array(words_of(every.verdict)) == "failed"
+    assert int(line.case_elements_failed[0]) == failed.sum()
+    assert words_of(line.verdict) == ["failed" if failed.any() else "passed"]
+    parts = np.where(failed | ~failed.any(), np.nan_to_num((every.residual / every.bound).values), -1.0)
+    assert parts[k] == parts.max()
+    assert int(line.case_elements[0]) == every.sizes["case"]
+
+
+def test_some_cases_pass_and_some_fail() -> None:
+    """Assert that the cases above tell both verdicts apart, and that a failure names the worst of how many."""
+    verdicts = {case: words_of(xd.validate(model_of(FEW, case)).verdict)[0] for case in ("order", "rounding", "given")}
+    assert set(verdicts.values()) == {"passed", "failed"}
+    found = xd.validate(model_of(FEW, "given"))
+    assert int(found.case_elements_failed[0]) < FEW
+    (said, _) = lines_of(found)
+    worst, count = found.case_worst_element.values[0], int(found.case_elements_failed[0])
+    assert f"form by velocity_verlet: u ({count} of {FEW} elements; worst {worst})" in said
+
+
+def test_as_many_elements_as_have_lines_of_their_own() -> None:
+    """Assert that few elements have a line each."""
+    found = xd.validate(model_of(MOST_ALONE, "given"))
+    assert found.sizes["case"] == MOST_ALONE
+    assert set(found.case_worst_element.values) == {""}
+    assert set(found.case_elements.values) == {1}
+
+
+def test_lines_are_known_before_marching() -> None:
+    """Assert that a ledger that is not computed has the same lines and types."""
+    model = model_of(FEW, "order")
+    lazy = xd.validate(model, compute=False)
+    assert lazy.sizes["case"] == 1
+    xr.testing.assert_equal(lazy.compute(), xd.validate(model))
+
+
+def test_a_method_that_refuses_counts_the_elements() -> None:
+    """Assert that a refusal is one line, too."""
+    found = xd.validate(["forward_euler"], model_of(FEW, "band"))
+    assert words_of(found.verdict) == ["refused"]
+    assert (int(found.case_elements[0]), found.case_worst_element.values[0]) == (FEW, "")
+
+
+@pytest.mark.parametrize("case", ["order", "at times", "of links at times"])
+def test_work_does_not_grow_with_elements(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that closed forms are evaluated as often for many elements as for few."""
+    counted: list[int] = []
+    original = case_runs.evaluate_elements
+
+    def counting(*given: Any) -> Any:
+        counted.append(1)
+        return original(*given)
+
+    monkeypatch.setattr(case_runs, "evaluate_elements", counting)
+    monkeypatch.setattr(case_runs, "evaluated_many", None)
+    counts = []
+    for n in (FEW, MANY):
+        counted.clear()
+        xd.validate(model_of(n, case))
+        counts.append(len(counted))
+    assert counts[0] == counts[1] > 0
