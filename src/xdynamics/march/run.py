@@ -247,7 +247,7 @@ class Run:
     directions: Annotated[Columns, Within("contact_tables")]  # derivative of a reaction's rate by each velocity
     responses: Annotated[Columns, Within("contact_tables")]  # effect of a unit of a reaction on each acceleration
     problem: Passing[Columns]  # a complementarity problem; see `march.contacts.complementarity`
-    basis: Passing[Whole]  # of the problem
+    basis: Passing[Whole]  # of the problem, and where each unknown is
     solution: Passing[Floats]
     effects: Passing[Columns]  # contribution of each unknown to each reaction
     square: Passing[Floats]  # a linear system, and which reactions are in it
@@ -285,11 +285,11 @@ class Run:
     paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`
     shares: Passing[Floats]  # forces of closed links, along each row, as they were shared last
     swing: Scratch[Floats]  # what forces of links do to all coordinates
+    chains: Scratch[Whole]  # rows of equations that read the same coordinate; see `march.assembly.direct_solution`
     of_time: Given[Whole]  # drives of time
     delays: Given[Delays]
     book: Books  # of the past, where there are delays
-    # the end of `tables`: the polynomials of accepted steps, see `march.past`
-    past_steps: Annotated[Floats, Within("tables")]
+    past_steps: Annotated[Floats, Within("tables")]  # their end: polynomials of accepted steps, see `march.past`
     breaks: Columns  # breaking points to come, ascending: the time, and the derivative that jumps there
     first_breaks: Given[Floats]  # those that follow from tables before the start
     jumps: Given[Whole]  # which derivative of the motion jumps at each node: at ticks the motion itself; -1 for none

@@ -110,7 +110,7 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
         **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
         **_linked(m, n),
         "problem": np.zeros((unknowns, 2 * unknowns + 2)),
-        "basis": np.zeros(unknowns, np.int64),
+        "basis": np.zeros(3 * unknowns + 1, np.int64),
         "solution": np.zeros(unknowns),
         "effects": np.zeros((m, unknowns)),
         "square": np.zeros(m * m),

@@ -52,6 +52,7 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
             "closed",
             "lifted",
             "grips",
+            "chains",
         )
     },
     **{name: np.zeros(0) for name in ("greatest", "loads", "pulls", "remains", "shares", "swing")},
@@ -123,6 +124,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "paths": np.zeros((2 * PATHS, 4 * most) if rows_each == 2 else (0, 0)),
         "shares": np.zeros(2 * most if rows_each == 2 else 0),
         "swing": np.zeros(n),
+        "chains": np.zeros(n + 2 * most * widest if rows_each == 2 else 0, np.int64),
         **_problem(MOST_LEMKE if rows_each == 1 else max(MOST_LEMKE, min(4 * most, MOST_UNKNOWNS))),
     }
     return arrays, patterns
@@ -131,7 +133,11 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
 def _problem(unknowns: int) -> dict[str, NDArray[Any]]:
     """Return room for a complementarity problem."""
     shape = (unknowns, 2 * unknowns + 2)
-    return {"problem": np.zeros(shape), "basis": np.zeros(unknowns, np.int64), "solution": np.zeros(unknowns)}
+    return {
+        "problem": np.zeros(shape),
+        "basis": np.zeros(3 * unknowns + 1, np.int64),
+        "solution": np.zeros(unknowns),
+    }
 
 
 def _check(law: Law, settings: Settings) -> None:

@@ -2,8 +2,8 @@
 
 Iterations need about as many products with the matrix as there are forces, and generalised residuals as many directions,
 each made to differ from all before; up to some hundred forces elimination is several times as fast (Golub, Van Loan,
-Matrix Computations, 4th ed., 2013, section 3.4). Where links hold more than needs holding a pivot vanishes. The largest
-of all entries is then the pivot, until what is left is zero: what a solution may have added to it, the null space, is taken
+Matrix Computations, 4th ed., 2013, section 3.4). Where links hold more than needs holding a pivot vanishes. Its unknown is
+put last; of what is left in the end the largest entry is the pivot, until that is zero: what a solution may have added to it, the null space, is taken
 from it, which leaves that of least norm (section 5.5). Whether it is one of all equations, those that depend on others too,
 the residual tells.
 """
@@ -32,48 +32,75 @@ def eliminate(run: Run, first: int, rows: int, most: int, drags: bool) -> int:
     n = 0
     for row in range(first, first + rows):
         if run.vectors[SCALE, row] > 0.0:
-            if n >= most or n >= run.basis.shape[0]:
+            if n >= most or n >= run.problem.shape[0]:
                 return 0
             run.basis[n] = row
             n += 1
     largest = pose_equations(run, first, rows, n, drags)
-    if factor(run, n, VANISHING * largest):
+    rank = factor(run, n, VANISHING * largest)
+    if rank == n:
         return n
-    largest = pose_equations(run, first, rows, n, drags)
-    return n if factor_dependent(run, n, DEPENDENT * largest) else 0
+    return n if factor_dependent(run, n, rank, DEPENDENT * largest) else 0
 
 
 @shared
 def pose_equations(run: Run, first: int, rows: int, n: int, drags: bool) -> float:
     """Write down the matrix of n equations, in their own order; return its largest entry."""
-    largest = 0.0
+    largest, width, offset = 0.0, run.reads.shape[1], run.swing.shape[0]
     clear(run, first, rows)
+    chain_rows(run, n)
+    for i in range(n):
+        for j in range(n):
+            run.problem[i, j] = 0.0
+        run.problem[i, n + EQUATIONS], run.problem[i, n + UNKNOWNS], run.problem[i, n + RANK] = i, i, n
     for j in range(n):
         row = run.basis[j]
         respond(run, row, run.vectors[SCALE, row])
         if drags and (row - first) % 2 == 0 and run.vectors[RATIO, row + 1] != 0.0:
             respond(run, row + 1, run.vectors[RATIO, row + 1] * run.vectors[SCALE, row])
-        for i in range(n):
-            run.problem[i, j] = response_along(run, run.basis[i]) * run.vectors[SCALE, run.basis[i]]
-            largest = max(largest, abs(run.problem[i, j]))
+        for k in range(width):
+            place = run.chains[run.reads[row, k]] if run.swing[run.reads[row, k]] != 0.0 else 0
+            while place > 0:
+                i = (place - offset) // width
+                run.problem[i, j] = response_along(run, run.basis[i]) * run.vectors[SCALE, run.basis[i]]
+                largest = max(largest, abs(run.problem[i, j]))
+                place = run.chains[place]
         clear(run, row, 1)
-    for i in range(n):
-        run.problem[i, n + EQUATIONS], run.problem[i, n + UNKNOWNS], run.problem[i, n + RANK] = i, i, n
     return largest
 
 
 @shared
-def factor(run: Run, n: int, least: float) -> bool:
-    """Factor the matrix by rows; whether no pivot is below the least."""
-    for k in range(n):
+def chain_rows(run: Run, n: int) -> None:
+    """Chain the rows of n equations that read the same coordinate: most of a heap's links have none in common.
+
+    `chains` has, for each coordinate, the place of the first entry of a row that reads it, and for each entry the next.
+    """
+    width, offset = run.reads.shape[1], run.swing.shape[0]
+    for coordinate in range(offset):
+        run.chains[coordinate] = 0
+    for i in range(n):
+        for k in range(width):
+            if run.normals[run.basis[i], k] != 0.0:
+                coordinate, place = run.reads[run.basis[i], k], offset + i * width + k
+                run.chains[place], run.chains[coordinate] = run.chains[coordinate], place
+
+
+@shared
+def factor(run: Run, n: int, least: float) -> int:
+    """Factor the matrix by rows, with unknowns that have no pivot above the least put last; return how many have one."""
+    k, last = 0, n
+    while k < last:
         best = k
         for i in range(k + 1, n):
             best = i if abs(run.problem[i, k]) > abs(run.problem[best, k]) else best
-        if not abs(run.problem[best, k]) > least:
-            return False
-        exchange_rows(run, n, k, best)
-        reduce_rows(run, n, k)
-    return True
+        if abs(run.problem[best, k]) > least:
+            exchange_rows(run, n, k, best)
+            reduce_rows(run, n, k)
+            k += 1
+        else:
+            last -= 1
+            exchange_columns(run, n, k, last)
+    return k
 
 
 @shared
@@ -95,10 +122,10 @@ def reduce_rows(run: Run, n: int, k: int) -> None:
 
 
 @shared
-def factor_dependent(run: Run, n: int, least: float) -> bool:
-    """Factor the matrix until nothing above the least is left, and find its null space; whether most equations are independent."""
+def factor_dependent(run: Run, n: int, done: int, least: float) -> bool:
+    """Factor what is left until nothing above the least is, and find the null space; whether most equations are independent."""
     rank = n
-    for k in range(n):
+    for k in range(done, n):
         row, column = k, k
         for i in range(k, n):
             for j in range(k, n):

@@ -50,6 +50,8 @@ from xdynamics.march.run import Run
 
 MOST_BOUNDS = 300  # turns of making bounds anew
 MOST_SWEEPS = 1 << 13  # turns over all links, one after the other
+MOST_SETS = 10  # of links that press and that slip, tried in a row
+FEWEST_SETS = 3  # tried even where they do not come nearer to a solution
 SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at once
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
@@ -188,30 +190,49 @@ def outside(run: Run, first: int, rows: int) -> float:
 
 @shared
 def settle(run: Run, first: int, rows: int) -> bool:
-    """Try whether links that press, and those at a bound of their friction, are the right ones; whether they are."""
+    """Try whether links that press, and those at a bound of their friction, are the right ones; whether they are.
+
+    Where they are not, what the forces found ask for is tried in its turn, a few times: Newton's method on the projections
+    that the conditions are (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991, 353).
+    """
     for row in range(first, first + rows):
-        run.vectors[TRIED, row], run.vectors[RATIO, row] = run.vectors[X, row], 0.0
-    for row in range(first, first + rows, 2):
-        x, low, high = run.vectors[X, row + 1], run.vectors[LEAST, row + 1], run.vectors[MOST, row + 1]
-        if run.vectors[X, row] == 0.0:
-            run.vectors[SCALE, row] = 0.0
-        if run.vectors[X, row] == 0.0 and run.vectors[RETURNED, row] == 0.0:
-            run.vectors[SCALE, row + 1] = 0.0
-        elif not low < x < high:
-            grip = run.vectors[GRIP, row + 1]
-            run.vectors[RATIO, row + 1] = run.vectors[DRAG, row + 1] + (-grip if x == low else grip)
-            run.vectors[SCALE, row + 1] = 0.0
-    solve_sets(run, first, rows)
-    for row in range(first, first + rows):
-        run.vectors[SCALE, row], run.vectors[RIGHT, row] = run.vectors[OWN_SCALE, row], run.vectors[GIVEN, row]
-    if outside(run, first, rows) <= RESTLESS:
-        return True
+        run.vectors[TRIED, row], run.vectors[RESIDUE, row] = run.vectors[X, row], 0.0
+    best = inf
+    for turn in range(MOST_SETS):
+        choose_sets(run, first, rows)
+        solve_sets(run, first, rows)
+        for row in range(first, first + rows):
+            run.vectors[SCALE, row], run.vectors[RIGHT, row] = run.vectors[OWN_SCALE, row], run.vectors[GIVEN, row]
+        left = outside(run, first, rows)
+        if left <= RESTLESS:
+            return True
+        if turn >= FEWEST_SETS and not left < best:
+            break
+        best = min(left, best)
     for row in range(first, first + rows):
         run.vectors[X, row] = run.vectors[TRIED, row]
         if (row - first) % 2 == 1:
             bound_row(run, row)
             run.vectors[X, row] = min(max(run.vectors[LEAST, row], run.vectors[X, row]), run.vectors[MOST, row])
     return False
+
+
+@shared
+def choose_sets(run: Run, first: int, rows: int) -> None:
+    """Have the others hold: of links that do not press, and frictions at a bound, each has what a step along its gradient asks."""
+    for row in range(first, first + rows, 2):
+        pressing = run.vectors[X, row] - run.vectors[RESIDUE, row]
+        rubbing = run.vectors[X, row + 1] - run.vectors[RESIDUE, row + 1]
+        low, high = run.vectors[LEAST, row + 1], run.vectors[MOST, row + 1]
+        run.vectors[RATIO, row], run.vectors[RATIO, row + 1] = 0.0, 0.0
+        if pressing <= 0.0:
+            run.vectors[SCALE, row] = 0.0
+        if pressing <= 0.0 and run.vectors[RETURNED, row] == 0.0:
+            run.vectors[SCALE, row + 1] = 0.0
+        elif not low < rubbing < high:
+            grip = run.vectors[GRIP, row + 1]
+            run.vectors[RATIO, row + 1] = run.vectors[DRAG, row + 1] + (-grip if rubbing <= low else grip)
+            run.vectors[SCALE, row + 1] = 0.0
 
 
 @shared

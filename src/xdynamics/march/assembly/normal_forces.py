@@ -24,7 +24,7 @@ ENOUGH = 16.0 * EPS  # of the size of the terms: residual at which iterations en
 ALLOWED = 1e-9  # of that size: a larger residual ends the run
 MOST_RESTARTS = 4
 LEAST_TURNS = 50
-MOST_AT_ONCE = 128  # equations of links with friction that elimination solves sooner than iterations
+MOST_AT_ONCE = 256  # equations of links with friction that elimination solves sooner than iterations
 MOST_TURNS = 100  # for each unknown
 
 

@@ -34,7 +34,7 @@ def solve_at_once(run: Run, first: int, rows: int) -> float:
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
         given = max(given, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
-    n = eliminate(run, first, rows, run.basis.shape[0], True)
+    n = eliminate(run, first, rows, run.problem.shape[0], True)
     left = refine_all(run, n, given, first, rows)
     if is_dependent(run, n) and not left <= 8.0 * ENOUGH:
         for row in range(first, first + rows):

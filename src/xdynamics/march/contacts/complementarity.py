@@ -16,12 +16,19 @@ MOST_TURNS = 50  # exchanges for each unknown
 
 @shared
 def prepare(run: Run, n: int) -> None:
-    """Clear the tableau of a problem of size n: columns of w, of z, of the artificial unknown, and q."""
+    """Clear the tableau of a problem of size n: columns n and on, of z, of the artificial unknown, and q.
+
+    Unknowns are numbered: w from 0, z from n, then the artificial one. Only those that are not in the basis have a column,
+    at first their own; what leaves the basis takes that of what enters. Behind the basis stands where each of them is: in
+    a column, or in the basis, -1.
+    """
     for i in range(n):
         run.basis[i] = i
-        for j in range(2 * n + 2):
-            run.problem[i, j] = 1.0 if i == j else 0.0
+        for j in range(n, 2 * n + 2):
+            run.problem[i, j] = 0.0
         run.problem[i, 2 * n] = -1.0
+    for unknown in range(2 * n + 1):
+        run.basis[n + unknown] = unknown if unknown >= n else -1
 
 
 @shared
@@ -45,7 +52,6 @@ def solve_complementarity(run: Run, n: int) -> bool:
     for _ in range(MOST_TURNS * n):
         leaving = run.basis[row]
         exchange(run, n, row, entering)
-        run.basis[row] = entering
         if leaving == 2 * n:
             take_solution(run, n)
             return True
@@ -57,41 +63,53 @@ def solve_complementarity(run: Run, n: int) -> bool:
 
 
 @shared
-def exchange(run: Run, n: int, row: int, column: int) -> None:
+def exchange(run: Run, n: int, row: int, entering: int) -> None:
     """Solve a row for an unknown, and substitute it into the others."""
+    column, leaving = run.basis[n + entering], run.basis[row]
+    run.basis[row], run.basis[n + entering], run.basis[n + leaving] = entering, -1, column
     pivot = run.problem[row, column]
-    for j in range(2 * n + 2):
-        run.problem[row, j] /= pivot
     run.problem[row, column] = 1.0
+    for j in range(n, 2 * n + 2):
+        run.problem[row, j] /= pivot
     for i in range(n):
         factor = run.problem[i, column]
-        if i != row and factor != 0.0:
-            for j in range(2 * n + 2):
-                run.problem[i, j] -= factor * run.problem[row, j]
+        if i != row:
             run.problem[i, column] = 0.0
+        if i != row and factor != 0.0:
+            for j in range(n, 2 * n + 2):
+                run.problem[i, j] -= factor * run.problem[row, j]
+
+
+@shared
+def entry_of(run: Run, n: int, row: int, unknown: int) -> float:
+    """An entry of the tableau, of unknowns in the basis, too."""
+    column = run.basis[n + unknown]
+    if column >= 0:
+        return float(run.problem[row, column])
+    return 1.0 if run.basis[row] == unknown else 0.0
 
 
 @shared
 def least_ratio(run: Run, n: int, entering: int) -> int:
     """Choose the row that limits a growing unknown: that of the artificial one if possible, -1 if none does."""
-    largest, best = 0.0, -1
+    largest, best, column = 0.0, -1, run.basis[n + entering]
     for i in range(n):
-        largest = max(largest, abs(run.problem[i, entering]))
+        largest = max(largest, abs(run.problem[i, column]))
     for i in range(n):
-        if run.problem[i, entering] > SMALL * largest and (best < 0 or limits_before(run, n, i, best, entering)):
+        if run.problem[i, column] > SMALL * largest and (best < 0 or limits_before(run, n, i, best, column)):
             best = i
     return best
 
 
 @shared
-def limits_before(run: Run, n: int, one: int, other: int, entering: int) -> bool:
-    """Whether one row limits the entering unknown earlier than another."""
-    pivot, other_pivot = run.problem[one, entering], run.problem[other, entering]
+def limits_before(run: Run, n: int, one: int, other: int, column: int) -> bool:
+    """Whether one row limits the unknown that enters, of a column, earlier than another."""
+    pivot, other_pivot, q = run.problem[one, column], run.problem[other, column], 2 * n + 1
     for k in range(n + 1):
-        j = 2 * n + 1 if k == 0 else k - 1
-        left, right = run.problem[one, j] / pivot, run.problem[other, j] / other_pivot
+        left = (run.problem[one, q] if k == 0 else entry_of(run, n, one, k - 1)) / pivot
+        right = (run.problem[other, q] if k == 0 else entry_of(run, n, other, k - 1)) / other_pivot
         if abs(left - right) > SMALL * max(abs(left), abs(right)):
-            return left < right
+            return bool(left < right)
         if k == 0 and (run.basis[one] == 2 * n or run.basis[other] == 2 * n):
             return bool(run.basis[one] == 2 * n)
     return False
