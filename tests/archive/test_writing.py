@@ -122,3 +122,22 @@ def test_tables_are_found_in_any_text(text: str, tables: list[str]) -> None:
     """Assert the texts of tables, and none of what is no model; derived data may hold anything."""
     assert writing._tables(xr.Dataset({"model_toml": ((), text)})) == tables
     assert writing._tables(xr.Dataset()) == []
+
+
+def test_one_element_of_a_run_is_no_run(tmp_path: Path) -> None:
+    """Assert that a run of one element is said to be cut, and not that attributes of all elements are no numbers."""
+    run = xd.simulate(
+        xd.Model(
+            name="two",
+            dimensions={"body": ["a", "b"]},
+            coordinates={"u": {"unit": "m", "dims": ["body"]}},
+            parameters={"m": {"dims": ["body"], "value": [1.0, 2.0], "unit": "kg", "uncertainty": [0.1, 0.2]}},
+            mass={"u": "m"},
+            initial={"u": "1 m"},
+        ),
+        method="rk4",
+        step="1 s",
+        until="1 s",
+    )
+    with pytest.raises(xd.InputError, match="the run was cut: it has a single one of its 2 elements along 'body'"):
+        xd.save(run.sel(body="b"), tmp_path / "b.nc")

@@ -221,6 +221,8 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     """
     if not isinstance(getattr(run, "attrs", None), Mapping) or not hasattr(run, "variables"):
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
+    if derived is None and EVIDENCE not in run.attrs:
+        record.check_elements(run)  # first: its attributes of elements are as many as there were
     run = as_recorded(run)
     if AT in run.dims and STEPS not in run.dims and EVIDENCE not in run.attrs and "solver_interpolation" in run.attrs:
         raise InputError(
