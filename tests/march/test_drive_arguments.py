@@ -248,3 +248,78 @@ def test_chosen_steps_that_cannot_leave_a_table_say_where_they_stand() -> None:
     assert (
         "drive 'f' was evaluated at x = 2, and its table 'f.csv' reaches from -2 to 2" in run.attrs["run_outcome_text"]
     )
+
+
+CURVES = "x [m],left [N],right [N]\n-2,4,6\n0,0,0\n1,-1,-3\n2,-4,-6\n"
+
+
+def two_springs(shaped: bool, argument: str, interpolation: str, outside: str) -> xd.Model:
+    """Two masses on springs with measured curves of their own: as one quantity, or as two coordinates."""
+    names = ["u"] if shaped else ["u_left", "u_right"]
+    table = {"csv": CURVES, "interpolation": interpolation, "outside": outside}
+    drives = [{"dims": ["end"]}] if shaped else [{"column": "left"}, {"column": "right"}]
+    pulls = {name.replace("u", "pull"): table | own for name, own in zip(names, drives, strict=True)}
+    for name, pull in zip(names, pulls.values(), strict=True):
+        pull["argument"] = argument.replace("u", name)
+    start: dict[str, object] = {"u": {"values": {"left": "1.5 m", "right": "-1 m"}}, "v_u": "0.1 m s-1"}
+    apart = {"u_left": "1.5 m", "u_right": "-1 m", "v_u_left": "0.1 m s-1", "v_u_right": "0.1 m s-1"}
+    return xd.Model(
+        name="springs",
+        dimensions={"end": ["left", "right"]} if shaped else {},
+        coordinates={name: {"unit": "m", "dims": ["end"]} if shaped else "m" for name in names},
+        parameters={"T": "0.1 s"},
+        mass=dict.fromkeys(names, "1*kilogram"),
+        drives=pulls,
+        forces={"spring": dict(zip(names, pulls, strict=True))},
+        initial=start if shaped else apart,
+    )
+
+
+@pytest.mark.parametrize(
+    ("argument", "interpolation", "outside", "settings"),
+    [
+        ("u", "linear", "error", {"method": "rk4", "step": "0.1 s"}),
+        ("u + T*v_u", "previous", "hold", {"method": "dop853", "rtol": 1e-8}),
+        ("u + T*v_u", "pchip", "error", {"method": "radau_iia", "rtol": 1e-6}),
+        ("u", "cubic", "error", {"method": "taylor", "rtol": 1e-9}),
+    ],
+)
+def test_each_element_is_looked_up_at_its_own_argument(
+    argument: str, interpolation: str, outside: str, settings: dict[str, object]
+) -> None:
+    """Assert the bits, rows and events of two coordinates with tables of their own."""
+    whole, apart = (
+        xd.simulate(two_springs(shaped, argument, interpolation, outside), until="3 s", **settings)  # type: ignore[arg-type]
+        for shaped in (True, False)
+    )
+    assert whole.attrs["run_outcome"] == "completed"
+    assert whole.sizes.get("event", 0) == apart.sizes.get("event", 0)
+    for end in ("left", "right"):
+        np.testing.assert_array_equal(whole.u.sel(end=end), apart[f"u_{end}"])
+
+
+def test_each_bond_is_a_measured_spring() -> None:
+    """Assert that a straight table for each link, over its length, is the chain of the same linear springs."""
+    chain = {
+        "name": "chain",
+        "dimensions": {"body": 3},
+        "relations": {"bond": {"of": "body", "neighbours": 1}},
+        "coordinates": {"u": {"unit": "m", "dims": ["body"]}},
+        "parameters": {"k": {"dims": ["bond"], "value": [1.0, 4.0], "unit": "N m-1"}},
+        "mass": {"u": "1*kilogram"},
+        "initial": {"u": {"value": [0.0, 0.25, 0.0], "unit": "m"}},
+    }
+    stretch = "second(u, bond) - first(u, bond)"
+    pull = {"csv": "s [m],pull_0 [N],pull_1 [N]\n-4,-4,-16\n4,4,16\n", "dims": ["bond"], "argument": stretch}
+    measured = xd.Model(**chain, drives={"pull": pull}, forces={"bond": {"over": "bond", "u": "pull"}})  # type: ignore[arg-type]
+    written = xd.Model(**chain, forces={"bond": {"over": "bond", "u": f"k*({stretch})"}})  # type: ignore[arg-type]
+    a, b = (xd.simulate(model, method="rk4", step="0.01 s", until="1 s") for model in (measured, written))
+    np.testing.assert_allclose(a.u, b.u, rtol=0.0, atol=1e-14)
+    assert float(abs(a.u[-1] - a.u[0]).min()) > 0.05
+
+
+def test_a_quantity_is_diagnosed_without_the_state_of_tables_that_it_does_not_read() -> None:
+    """Assert the spread of a momentum, which reads a velocity alone, beside a table over a coordinate."""
+    run = xd.simulate(two_springs(False, "u", "cubic", "error"), method="rk4", step="0.01 s", until="1 s")
+    speed = run.v_u_left.values
+    assert float(xd.diagnose(run).band_momentum_u_left) == pytest.approx(speed.max() - speed.min(), rel=1e-3)

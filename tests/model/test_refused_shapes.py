@@ -193,7 +193,7 @@ def test_a_table_of_many_columns_is_split_once(monkeypatch: pytest.MonkeyPatch) 
         ),
         (
             {"drives": {"pull": {"csv": "x [m],pull [N]\n0,1\n1,2\n", "argument": "u"}}},
-            "drive 'pull': argument: 'u' has the dimension 'bead', and it needs none; reduce it, as in sum",
+            "drive 'pull': argument: 'u' has the dimension 'bead', and it needs none; reduce it, as in sum.…, bead., or give the drive dims, and its table a column for each",
         ),
         (
             {"drives": {"pull": {"csv": "x [m],pull [N]\n0,1\n1,2\n", "argument": "u[q]"}}},

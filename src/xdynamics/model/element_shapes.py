@@ -73,6 +73,9 @@ def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
         _check(f"parameter '{name}'", values.tree, values.dims, shapes, ledger, "add it to dims")
     for what, tree, allowed in _needed(statement, own):
         _check(what, tree, allowed, shapes, ledger)
+    for name, drive in statement.drives.items():
+        remedy = "give the drive dims, and its table a column for each element"
+        _check(f"drive '{name}': argument", drive.argument, drive.dims, shapes, ledger, remedy)
     for name, event in statement.events.items():
         with ledger.entry(f"event '{name}'"):
             _check_targets(event.reset, shapes)
@@ -128,8 +131,6 @@ def _needed(
     for name, event in statement.events.items():
         for target, tree in event.reset.items():
             yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
-    for name, drive in statement.drives.items():
-        yield f"drive '{name}': argument", drive.argument, ()
     for name, form in statement.validation.items():
         yield f"validation '{name}'", form.expression, own.get(written(form.quantity), ())
     for name, controller in statement.controllers.items():

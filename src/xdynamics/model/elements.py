@@ -173,14 +173,14 @@ class Elements(ElementNumbers):
         return Along("onto", (first, negative(tree) if relation.target in dims else ZERO), (over,))
 
     def _drive(self, name: str, drive: Drive) -> Iterator[tuple[str, Drive]]:
-        drive = replace(drive, argument=self._at(drive.argument, {}))
         if not drive.dims:
-            yield name, drive
+            yield name, replace(drive, argument=self._at(drive.argument, {}))
             return
         table, columns = drive.table, columns_of_drive(name, drive.dims, self.shapes)
         sheet = Sheet.of(table.name, table.text)
-        for column, element in zip(columns, self._names(name), strict=True):
-            yield element, replace(drive, table=Table.of(sheet, table.text, column, table.gaps), dims=())
+        for column, (element, place) in zip(columns, self._placed(name), strict=True):
+            own = Table.of(sheet, table.text, column, table.gaps)
+            yield element, replace(drive, argument=self._at(drive.argument, place), table=own, dims=())
 
     def _event(self, name: str, event: Event) -> Iterator[tuple[str, Event]]:
         for element, place in self._placed(name):

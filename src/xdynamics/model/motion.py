@@ -304,11 +304,13 @@ def evaluated_many(
         If they read delayed values, which no states by themselves give.
     """
     values: dict[str, Any] = dict(known) | dict(state)
-    for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
-        x = evaluate_many(at, values, math_functions)
-        values[name], values[slope(name)] = looked_up(table, x, of_time=at == CLOCK)
     read = read_by(model, wanted) if read is None else read
-    if model.delays and any(map(is_before, _names_in(wanted, read))):
+    names = _names_in(wanted, read) if model.delays or model.drives else set[str]()
+    for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
+        if names & {name, slope(name)}:  # the state of a table that is not read may not be known
+            x = evaluate_many(at, values, math_functions)
+            values[name], values[slope(name)] = looked_up(table, x, of_time=at == CLOCK)
+    if any(map(is_before, names)):
         raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
     for item in read:
         if isinstance(item.value, Function):
@@ -322,8 +324,8 @@ def evaluated_many(
 
 def _names_in(wanted: Iterable[Node], read: Iterable[Assignment]) -> set[str]:
     """Return what some expressions and assignments read."""
-    trees = [*wanted, *(item.value for item in read if not isinstance(item.value, Function))]
-    return set().union(*map(free_names, trees))
+    values = [*wanted, *(item.value for item in read)]
+    return set().union(*(set(it.arguments) if isinstance(it, Function) else free_names(it) for it in values))
 
 
 class _PartialValues(dict[str, Any]):
