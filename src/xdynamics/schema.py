@@ -358,7 +358,12 @@ GIVEN_STEP = Variable(
     "given_step_size", (GIVEN,), "f8", SECONDS.text, "steps that the march was told to make", "step_size"
 )
 END_MEMORY = Variable(
-    "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
+    "end_memory",
+    (MEMORY,),
+    "f8",
+    "1",
+    "state of the march at its end, from which `extend` continues it, in its own units",
+    "memory",
 )
 ERRORS = "errors"  # of the steps to the rows before these, where given absolute tolerances are judged by them
 WITNESSES = "witnesses"  # the last of these in a record without all rows: some of the whole march, column by column

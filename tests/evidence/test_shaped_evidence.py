@@ -69,6 +69,20 @@ def test_closed_forms_and_cycles_of_elements(run: xr.Dataset) -> None:
         xd.diagnose(run, exact={"x[a]": "A*cos(sqrt(k/m)*t)"})
 
 
+def test_long_names_say_elements_as_people_write_them(run: xr.Dataset) -> None:
+    """Assert brackets in evidence of one element, and whole names, and no dots, where a variable has all of them."""
+    found = xd.diagnose(run, of="x[b]", companion=False)
+    assert found.cycle_time.long_name.startswith("end of the cycle, where x[b] rises through ")
+    landing = "\n[events.turn]\nfunction = 'v_x'\ndirection = 'rising'\naction = 'record'\n"
+    numbered = SPRINGS.replace('["a", "b"]', "2").replace(
+        'values = { a = "1 N m-1", b = "4 N m-1" }', "value = [1, 4], unit = 'N m-1'"
+    )
+    model = xd.Model.from_text(numbered + landing)
+    refined = xd.refine(model, rtols=[1e-5, 1e-6, 1e-7], until="4 s")
+    assert refined.limit_after_turn_x.long_name == "limit of after_turn_x as rtol tends to zero"
+    assert not [name for each in (found, refined) for name in each.variables if "·" in each[name].long_name]
+
+
 def test_a_comparison_names_the_element_that_parts_first(springs: xd.Model, run: xr.Dataset) -> None:
     """Assert that of two masses the one whose spring differs is named, in the sentence and in a line of each quantity."""
     models = springs, springs.replace(parameters={"k[b]": "4.001 N m-1"})

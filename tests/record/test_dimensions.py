@@ -1,6 +1,7 @@
 """Records of models with dimensions: what verbs return has them, what files hold too, and what verbs take."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.cf_checker import strict_faults
+from cases.problems import MODELS
 from xdynamics.record.unfolding import unfold
 
 THREE = """
@@ -296,6 +298,19 @@ u = "1 m"
         xd.InputError, match=r"'u\[-41\]': dimension 'site' has no element -41; it has the elements 0 to 39"
     ):
         xd.simulate(model, **asked, log=["u[-41]"])
+
+
+def test_tolerances_take_elements_that_are_counted_from_the_end() -> None:
+    """Assert that the last element has its tolerance by either number, and that both at once, or none such, are refused."""
+    model = xd.Model.from_toml(MODELS / "fermi_pasta_ulam.toml")
+    asked: dict[str, Any] = {"method": "dormand_prince", "step": None, "rtol": 1e-6, "until": "1 s", "keep_every": 1}
+    runs = [xd.simulate(model, **asked, atol={"u": "1 mm", name: "1 um"}) for name in ("u[31]", "u[-1]", "u[ -1 ]")]
+    assert runs[0].u.attrs["atol"].tolist() == [1e-3] * 31 + [1e-6]
+    assert all(run.u.attrs["atol"].tolist() == runs[0].u.attrs["atol"].tolist() for run in runs)
+    with pytest.raises(xd.InputError, match=r"atol names 'u\[-33\]': dimension 'site' has no element -33"):
+        xd.simulate(model, **asked, atol={"u[-33]": "1 um"})
+    with pytest.raises(xd.InputError, match=r"atol names 'u\[31\]' twice"):
+        xd.simulate(model, **asked, atol={"u[-1]": "1 um", "u[31]": "1 mm"})
 
 
 @pytest.mark.dear

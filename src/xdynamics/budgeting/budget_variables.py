@@ -77,7 +77,7 @@ def _totals(terms: list[Term], variance: Mapping[str, float]) -> dict[str, tuple
         ),
         "physical_rss_doubt": (
             _doubt_of(physically, variance[PHYSICAL]),
-            "how far physical_rss may be off, where terms of it are drawn",
+            "uncertainty of physical_rss from terms that are known by random draws",
         ),
         "total_rss": (np.sqrt(variance[NUMERICAL] + variance[PHYSICAL]), "standard uncertainty by all terms"),
     }
@@ -88,8 +88,13 @@ def _inputs(terms: list[Term], unit: Unit) -> dict[str, Along]:
     sensitivities = [_per(unit, term.input_unit) if term.input_unit else "" for term in terms]
     inputs = [term.input_unit.text if term.input_unit else "" for term in terms]
     return {
-        "term_name": (np.array([term.name for term in terms]), "1", "what the number may be off by", "name"),
-        "term_rule": (np.array([term.rule for term in terms]), "1", "how that was found", "rule"),
+        "term_name": (np.array([term.name for term in terms]), "1", "source of the uncertainty", "name"),
+        "term_rule": (
+            np.array([term.rule for term in terms]),
+            "1",
+            "how the contribution of the term was found",
+            "rule",
+        ),
         "sensitivity": (
             np.array([term.sensitivity for term in terms]),
             "1",
@@ -99,7 +104,7 @@ def _inputs(terms: list[Term], unit: Unit) -> dict[str, Along]:
         "sensitivity_doubt": (
             np.array([term.sensitivity_doubt for term in terms]),
             "1",
-            "how far the sensitivity may be off, by another spacing of the differences",
+            "uncertainty of the sensitivity: its change with the spacing of the finite differences",
             ROLE,
         ),
         "sensitivity_units": (
@@ -131,8 +136,8 @@ def _contributions(terms: list[Term], units: str) -> dict[str, Along]:
             np.array([term.standard_doubt for term in terms]),
             units,
             (
-                "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite"
-                " bear out"
+                "uncertainty of the standard uncertainty: from the number of draws, or from slopes that the draws do not"
+                " fully confirm"
             ),
             ROLE,
         ),
@@ -166,12 +171,12 @@ def levels_as(compared: Compared, own: OwnRun, unit: Unit) -> dict[str, Any]:
         "observed_order": (
             (LEVEL,),
             orders,
-            about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal},
+            about("1", "observed order, from the level and its two neighbours", ROLE) | {"formal_order": levels.formal},
         ),
         "level_verdict": (
             (),
             np.int8(compared.judgement.verdict),
-            about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS))),
+            about("1", "verdict on the convergence of the number", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
         "run_digest": ((LEVEL,), np.array(compared.digests), about("1", "content digest of the level's run", "digest")),
     }
@@ -181,8 +186,12 @@ def later_as(known: Mapping[str, Any], units: str, second: str) -> dict[str, Any
     """Return as variables what is known of a budget only once it is computed, and is an attribute then too."""
     words = {
         "result": ("1", "the number as it is written, with its expanded uncertainty", "result"),
-        "linear_apart": (units, "how far the ends of the linear interval are from those of the draws", ROLE),
-        "draws_needed": ("1", "draws that would tell whether the linear budget is adequate; nan if it is told", ROLE),
+        "linear_apart": (units, "distance of the ends of the linear interval from those of the draws' interval", ROLE),
+        "draws_needed": (
+            "1",
+            "number of draws needed to decide whether the linear budget is adequate; nan if it is decided",
+            ROLE,
+        ),
         "extreme_time": (second, "when the extreme was", "time"),
         "extreme_rule": ("1", "how the extreme was found", "rule"),
     }
@@ -213,14 +222,11 @@ def draws_as(draws: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
         ),
         "monte_carlo_standard_uncertainty_doubt": (
             draws.standard_doubt,
-            "how well that is known from so many draws: a standard uncertainty, by parts of them",
+            "standard uncertainty of monte_carlo_standard_uncertainty, from parts of the draws",
         ),
         "monte_carlo_end_doubt": (
             draws.ends_doubt,
-            (
-                "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by order"
-                " statistics"
-            ),
+            ("standard uncertainty of the ends of monte_carlo_symmetric, by order statistics"),
         ),
     }
     intervals = {

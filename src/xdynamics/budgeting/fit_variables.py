@@ -52,7 +52,7 @@ def estimates_as(problem: Fitting, best: Search, found: Estimates, coverage: flo
         "parameter_name": (
             (PARAMETER,),
             np.array([number.name for number in numbers]),
-            about("1", "what was found", "name"),
+            about("1", "name of the fitted parameter or initial value", "name"),
         ),
         "parameter_units": (
             (PARAMETER,),
@@ -88,7 +88,7 @@ def records_as(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any]:
     records = problem.records
     texts, said = (
         [model.to_toml() for model in fitted],
-        "the fitted model as TOML, uncertain and correlated by what was found",
+        "the fitted model as TOML, with the uncertainties and correlations of the fit",
     )
     times = np.concatenate([asked.data.times for asked in records])
     variables: dict[str, Any] = {
@@ -159,26 +159,30 @@ def searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
         "start_rule": (
             (START,),
             np.array([search.rule for search in results]),
-            about("1", "where the search began", "rule"),
+            about("1", "how the starting point of the search was chosen", "rule"),
         ),
         "start_value": (
             (START, PARAMETER),
             np.array([search.start * scales for search in results]),
-            about("1", "values that the search began with, in parameter_units", ROLE),
+            about("1", "starting values of the search, in parameter_units", ROLE),
         ),
         "start_estimate": (
             (START, PARAMETER),
             np.array([search.end * scales for search in results]),
-            about("1", "values that it came to, in parameter_units", ROLE),
+            about("1", "values at which the search ended, in parameter_units", ROLE),
         ),
         "start_square": (
             (START,),
             np.array([search.square for search in results]),
-            about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE),
+            about(
+                "1",
+                "weighted sum of squared residuals at the end of the search; infinite where a run did not reach all times",
+                ROLE,
+            ),
         ),
         "start_converged": (
             (START,),
             np.array([search.converged for search in results], np.int8),
-            about("1", "1 where the search came to an end", ROLE),
+            about("1", "1 where the search converged", ROLE),
         ),
     }

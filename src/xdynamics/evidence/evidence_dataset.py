@@ -64,6 +64,8 @@ def exhibit(
     }
     if shapes.dims:
         dataset, attributes = fold(dataset, shapes), _told_attributes(attributes)
+        for variable in dataset.variables.values():
+            variable.attrs["long_name"] = spoken(variable.attrs["long_name"])
         header |= {key: entry for key, entry in dataset.attrs.items() if key == MODEL_DIMENSIONS}
     dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
     return archive.marched(dataset, unchanged)

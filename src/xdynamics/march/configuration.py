@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
@@ -34,7 +35,7 @@ from xdynamics.model.switches import (
     landed_on_by_default,
     watched_switches,
 )
-from xdynamics.shapes.naming import written
+from xdynamics.shapes.naming import spoken, written
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
 FORCE_SAMPLES = ("all", "none")
@@ -199,15 +200,32 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         return Tolerances(relative, {}, units, number(atol, "atol"))
     # an element's own tolerance counts before that of its block, whichever is written first
     blocks = model.shapes.dims
-    atol = dict(
-        sorted(((written(name), value) for name, value in atol.items()), key=lambda entry: entry[0] not in blocks)
-    )
+    named_inside = [(_element_inside(model, name), value) for name, value in atol.items()]
+    if twice := [name for name, count in Counter(name for name, _ in named_inside).items() if count > 1]:
+        raise InputError(
+            f"atol names '{spoken(twice[0])}' twice, from the front and from the end; give it one tolerance"
+        )
+    atol = dict(sorted(named_inside, key=lambda entry: entry[0] not in blocks))
     firsts = {name: model.shapes.first(name) if name in blocks else name for name in atol if name}
     for name, first in firsts.items():
         if first not in units:
             raise InputError(f"atol names {name!r}; there are {_named(model)}")
     named = {name: _absolute(units[first], name, atol[name]) for name, first in firsts.items()}
     return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
+
+
+def _element_inside(model: Model, name: str) -> str:
+    """Return a key of atol as it is named inside: an element by its number from the front.
+
+    Raises
+    ------
+    InputError
+        If a dimension has no such element.
+    """
+    try:
+        return written(model.shapes.from_the_front(name))
+    except InputError as error:
+        raise InputError(f"atol names '{name}': {error}") from None
 
 
 def _named(model: Model) -> str:

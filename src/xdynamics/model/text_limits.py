@@ -24,6 +24,7 @@ _TEXTS = re.compile(
 )
 _DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}")
 _SIZES = "; so many numbers belong into a table"
+_OF_RECORDS = "; the model_toml of a record is read by Model.from_record"
 
 
 def parsed(text: str, *, recorded: bool = False) -> dict[str, Any]:
@@ -49,15 +50,18 @@ def check_text(text: str, *, recorded: bool = False) -> None:
         Naming the limit, with the line where that helps.
     """
     largest, most_values = (LARGEST_RECORDED, MOST_RECORDED) if recorded else (LARGEST, MOST_VALUES)
+    remedy = "" if recorded else _OF_RECORDS
     if len(text) > largest:
-        raise InputError(f"it has {len(text)} characters, over the limit of {largest}{_SIZES}")
+        raise InputError(f"it has {len(text)} characters, over the limit of {largest}{_SIZES}{remedy}")
     bare = _TEXTS.sub(lambda match: "" if match[0][0] == "#" else "s" + "\n" * match[0].count("\n"), text)
     entries = bare.count("=") + bare.count("\n[")
     if entries > MOST_ENTRIES:
         raise InputError(f"it has {entries} entries, over the limit of {MOST_ENTRIES}{_SIZES}")
     values = bare.count(",")
     if values > most_values:
-        raise InputError(f"its lists have {values} values, over the limit of {most_values}; put them into tables")
+        raise InputError(
+            f"its lists have {values} values, over the limit of {most_values}; put them into tables{remedy}"
+        )
     if match := _DEEP.search(bare):
         line = bare.count("\n", 0, match.start()) + 1
         raise InputError(f"line {line}: a key has over {DEEPEST_KEY} names that dots join, the limit")

@@ -112,7 +112,7 @@ def _gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) 
 def _places(about: About) -> list[Column]:
     """Return the link of each impact along every dimension, and the elements at its ends."""
     return [
-        Column(place_variable(name, about.model.shapes.extent(of)), _looked_up(about, dim, find))
+        Column(place_variable(name, dim, of, about.model.shapes.extent(of)), _looked_up(about, dim, find))
         for name, dim, of, find in places_of(assemblies(about.model), about.model.shapes)
     ]
 

@@ -15,7 +15,7 @@ from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.model import Model
 from xdynamics.model.assemblies import Assembly, assemblies
 from xdynamics.record.column import About, Column, times
-from xdynamics.record.folded_columns import place_variable
+from xdynamics.record.folded_columns import element_at, place_variable
 from xdynamics.schema import CLOSED_LINKS, LINK_STATES, NOWHERE, Variable, at_closed, flags
 from xdynamics.shapes import Shapes
 from xdynamics.units import Unit, spell
@@ -87,13 +87,14 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
         Column(contact, links.contact),
     ]
     for name, dim, of, find in places_of(links.contacts, about.model.shapes):
-        at = place_variable(name, about.model.shapes.extent(of))
-        long_name = f"{name} of the link, counted from 0; {NOWHERE} where its contact has none"
+        at = place_variable(name, dim, of, about.model.shapes.extent(of))
+        which = element_at(name, dim, of).removesuffix(f" of the {dim}")
+        long_name = f"{which} of the closed link, counted from 0; {NOWHERE} where its contact has none"
         role = "contact" if at.role == "event" else at.role
         at = replace(at, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role)
         collected.append(Column(at, links.along(dim, find)))
     if links.iterated and any_rubs(links.contacts):
-        told = "what the link does along its slip from here on, which its state alone does not tell"
+        told = "whether the link sticks or slips from this state on"
         states = flags(dict(enumerate(LINK_STATES)))
         does = replace(_variable(FRICTION_STATE, "i1", "1", told), role="flag", more=states)
         collected.append(Column(does, lambda block: np.asarray(links.rows(block)[6].astype(np.int8))))
@@ -106,14 +107,16 @@ def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
     gaps = [unit_of_gap(contact) for contact in every]
     numbers = [
         ("gap", 2, gaps, "gap of the link, which is held at zero"),
-        ("force", 3, [*map(unit_of_force, every)], "normal force of the link, which presses where it is positive"),
+        ("force", 3, [*map(unit_of_force, every)], "normal force of the link, positive where it pushes"),
     ]
     if links.iterated:
         left = [spell(gap.dimension / about.model.time_unit.dimension**2) for gap in gaps]
-        words = "residual of the equations of all forces: the acceleration with which the gap of the link still opens"
+        words = (
+            "residual of the equations for all contact forces: remaining acceleration of the gap, which is to be zero"
+        )
         numbers.append(("force_residual", 4, left, words))
     if any_rubs(every):
-        words = "friction force of the link along its positive slip, against which it acts while it slips"
+        words = "friction force of the link, positive along positive slip; while the link slips it opposes the slip"
         numbers.append(("friction_force", 5, units_of_friction(every), words))
     for name, row, units, words in numbers:
         texts = [unit.text for unit in units]

@@ -18,7 +18,7 @@ from xdynamics.schema import (
 )
 from xdynamics.shapes.naming import DOT, parted, spoken
 
-_LABELS = re.compile(rf"(?<=\w)(?:{DOT}\w+)+")
+_LABELS = re.compile(rf"(?<=\w)(?:{DOT}(?:[0-9]+(?![0-9])|\w+))+")  # a number ends before what follows: after_hit·3_u
 
 
 def of_whole(text: str) -> str:
@@ -28,6 +28,8 @@ def of_whole(text: str) -> str:
     --------
     >>> of_whole("velocity of r·Jupiter·x")
     'velocity of r'
+    >>> of_whole("uncertainty of after_hit·3_u")
+    'uncertainty of after_hit_u'
     """
     return _LABELS.sub("", text) if DOT in text else text
 

@@ -211,7 +211,7 @@ def _detector(column: Column, shapes: Shapes) -> list[Column]:
     more = dict(column.variable.more) | flags(dict(enumerate(kinds))) | {DETECTOR_DIMENSIONS: along}
     collected = [_looked_up(column, replace(column.variable, dtype="i1", more=more), kind_of)]
     for dim in dims:
-        collected.append(_looked_up(column, place_variable(dim, shapes.extent(dim)), number_of[dim]))
+        collected.append(_looked_up(column, place_variable(dim, dim, dim, shapes.extent(dim)), number_of[dim]))
         if dim in shapes.relations:
             collected += _ends(
                 column, shapes, dim, number_of[dim], single=sum(dim in shapes.relations for dim in dims) == 1
@@ -225,7 +225,8 @@ def _ends(column: Column, shapes: Shapes, dim: str, links: Array, *, single: boo
     for end, of, numbers in (("first", relation.source, relation.first), ("second", relation.target, relation.second)):
         places = np.where(links == NOWHERE, NOWHERE, numbers[links]) if len(numbers) else links
         name = end if single else f"{dim}_{end}"
-        collected.append(_looked_up(column, place_variable(name, shapes.extent(of)), places.astype(np.int32)))
+        at = place_variable(name, dim, of, shapes.extent(of))
+        collected.append(_looked_up(column, at, places.astype(np.int32)))
     return collected
 
 
@@ -239,9 +240,22 @@ def _either(one: Column, other: Column) -> Column:
     return Column(one.variable, take)
 
 
-def place_variable(name: str, extent: Extent) -> Variable:
+def element_at(name: str, along: str, of: str) -> str:
+    """Say which element it is: along a dimension or a relation itself, or at one end of a link.
+
+    Examples
+    --------
+    >>> element_at("body", "body", "body"), element_at("first", "pair", "disc"), element_at("rod_second", "rod", "wall")
+    ('body', 'first disc of the pair', 'second wall of the rod')
+    """
+    return name if along == of else f"{name.removeprefix(f'{along}_')} {of} of the {along}"
+
+
+def place_variable(name: str, along: str, of: str, extent: Extent) -> Variable:
     """Return the variable for an element at which an event was, as a flag where elements have labels."""
-    long_name = f"{name} at which the event was, counted from 0; {NOWHERE} where its detector has none"
+    long_name = (
+        f"{element_at(name, along, of)} at which the event was, counted from 0; {NOWHERE} where its detector has none"
+    )
     if not extent.labels:
         return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "event")
     words = {NOWHERE: "none"} | dict(enumerate(extent.labels))

@@ -66,7 +66,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
         f"difference_{name}": (
             sweep[name].dims,
             (sweep[name] - reference_member[name]).transpose(*sweep[name].dims).data,
-            _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"),
+            _about(sweep, name, f"{sweep[name].attrs['long_name']}, minus that of the reference"),
         )
         for name in numbers(sweep)
     }
@@ -185,10 +185,10 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
             "verdict": (
                 verdict.astype(np.int8),
                 "1",
-                f"what the levels tell of {name}",
+                f"verdict on the convergence of {name}",
                 flags(dict(enumerate(VERDICTS))),
             ),
-            "limit": (results.isel(told=2), sweep[name].attrs["units"], f"{name} with an ever smaller {dim}", {}),
+            "limit": (results.isel(told=2), sweep[name].attrs["units"], f"limit of {name} as {dim} tends to zero", {}),
             "uncertainty": (
                 results.isel(told=3),
                 sweep[name].attrs["units"],

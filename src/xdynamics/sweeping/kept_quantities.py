@@ -262,7 +262,7 @@ class _WordReader:
             (AT, *column.dims[1:]),
             (times.size, *shape),
             column.units,
-            f"{column.long_name}; nan behind the end of a run",
+            f"{column.long_name}; nan after the end of a run",
             column.role,
             take,
             motion=self.motion,

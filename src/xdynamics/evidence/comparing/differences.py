@@ -202,7 +202,9 @@ def difference_of(
         f"interpolation_error_{name}": (
             dims,
             second_sample[1] * factor + first_sample[1],
-            about(text, f"what {name} of both runs may be off between accepted states", "error"),
+            about(
+                text, f"estimated error of interpolating {name} between accepted states, both runs together", "error"
+            ),
         ),
     }
 
@@ -249,7 +251,7 @@ def event_difference(name: str, units: str, difference: Any, uncertainty: Any, s
             f"interpolation_error_event_time_{name}": (
                 (OCCURRENCE,),
                 uncertainty,
-                about(units, f"what the location of {name} is uncertain by in both runs", "error"),
+                about(units, f"uncertainty of locating {name}, both runs together", "error"),
             )
         }
     )

@@ -133,7 +133,7 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
         f"interpolation_error_{name}": (
             (AT,),
             errors,
-            about(units, f"what {name} may be off between accepted states", "error"),
+            about(units, f"estimated error of interpolating {name} between accepted states", "error"),
         ),
         f"rms_difference_{name}": (
             (),

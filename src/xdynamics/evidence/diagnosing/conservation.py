@@ -47,7 +47,7 @@ def bands(rows: Chunks) -> Iterator[tuple[str, Any]]:
         dims = rows.run.variables[name].dims[1:]
         yield (
             _band(name),
-            (dims, high - low + 0.0, about(units, f"largest less least {name} of the accepted states", ROLE)),
+            (dims, high - low + 0.0, about(units, f"largest minus smallest {name} over the accepted states", ROLE)),
         )
 
 
@@ -147,7 +147,7 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
         watched = _Watched(name, is_computed=known, factor=factor, dims=dims, shape=own.shape[1:])
         drift, rule = _drift(rows, watched, cycles)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
-        yield key, (watched.dims, drift / factor, about(units.text, f"{name}: {rule}", ROLE))
+        yield key, (watched.dims, drift / factor, about(units.text, f"drift of {name}: {rule}", ROLE))
     if model.python_functions:
         return
     for name, mass, momentum in _momenta_of_wholes(model) if model_dimensions(run) else _momenta(model):
@@ -155,9 +155,12 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
         units = spell(dimension_of(mass, model.dimensions) * model.dimensions[schema.velocity(name)])
         drift, rule = _drift(rows, momentum, cycles)
         of = momentum.momentum_of or name
-        said = f"largest less least momentum of {of}, (M v)"
+        said = f"largest minus smallest momentum (M v) of {of} over the accepted states"
         yield f"band_momentum_{of}", (momentum.dims, high - low + 0.0, about(units.text, said, ROLE))
-        yield f"drift_momentum_{of}", (momentum.dims, drift, about(units.text, f"momentum of {of}: {rule}", ROLE))
+        yield (
+            f"drift_momentum_{of}",
+            (momentum.dims, drift, about(units.text, f"drift of the momentum (M v) of {of}: {rule}", ROLE)),
+        )
 
 
 def _momenta(model: Model) -> Iterator[tuple[str, Node, _Watched]]:
@@ -186,15 +189,15 @@ def _drift(rows: Chunks, watched: _Watched, cycles: Sequence[_Cycle]) -> tuple[F
         unknown = np.full(watched.shape, np.nan)
         return (
             unknown,
-            "mean over the last cycle less that over the first; without cycles, at the end less at the start",
+            "mean over the last cycle minus mean over the first; without cycles, value at the end minus value at the start",
         )
     if cycles:
         first, last = (cycle.mean(watched) for cycle in cycles)
-        rule = "mean over the last cycle less that over the first"
+        rule = "mean over the last cycle minus mean over the first"
     else:
         run, ends = rows.near([0, rows.size - 1])
         first, last = np.moveaxis(watched.on(run, rows.model, ends), -1, 0)
-        rule = "at the end less at the start"
+        rule = "value at the end minus value at the start"
     return np.reshape(last - first, watched.shape), rule
 
 

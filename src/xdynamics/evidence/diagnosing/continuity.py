@@ -183,22 +183,25 @@ def _variables(rows: Chunks, worst: dict[str, Worst], steps: int) -> dict[str, A
     times = np.concatenate([worst[name].times.ravel() for name in ratios]) if every.size else every
     for name, entry in worst.items():
         described, dims = rows.run.variables[name].attrs, rows.run.variables[name].dims[1:]
-        told = "of the step from its row, made again, from the row it led to; of the step where it is most by its bound"
+        defect_said = (
+            f"distance between recorded {name} and {name} recomputed by one step from the recorded state before; of"
+            " the step where it is largest relative to its bound"
+        )
         defect, bound = schema.continuity_defect(name)
         known = np.nan if not steps else 1.0
         variables[defect] = (
             dims,
             entry.defects * known,
-            about(described["units"], f"distance in {name} {told}", CONTINUITY),
+            about(described["units"], defect_said, CONTINUITY),
         )
-        told = f"what rounding of its start and its sums explains of {defect}"
+        told = f"largest {defect} that rounding explains: of the recorded state and of the arithmetic of the step"
         variables[bound] = (dims, entry.bounds * known, about(described["units"], told, CONTINUITY))
     verdict = NOT_CHECKED if not every.size else PASSED if (every <= 1.0).all() else FAILED
     when = times[int(np.argmax(every))] if every.size else np.nan
-    unit, told = time_unit(rows.run).text, "where the step starts that is furthest from its row by its bound"
+    unit, told = time_unit(rows.run).text, "start of the step whose defect is largest relative to its bound"
     variables[CONTINUITY_TIME] = ((), when, about(unit, told, CONTINUITY))
-    variables[CONTINUITY_STEPS] = ((), np.int64(steps), about("1", "steps that were made again", CONTINUITY))
-    told = "whether steps, made again, lead to the rows that follow, but for rounding"
+    variables[CONTINUITY_STEPS] = ((), np.int64(steps), about("1", "number of steps that were recomputed", CONTINUITY))
+    told = "whether recomputed steps lead from each recorded state to the next one, within rounding"
     meanings = schema.flags(dict(enumerate(VERDICTS)))
     variables[CONTINUITY_VERDICT] = ((), np.int8(verdict), about("1", told, "flag") | meanings)
     return variables

@@ -30,8 +30,8 @@ Rows = NDArray[np.int64]
 
 STATES = ("coordinate", "velocity", "state")  # roles of what steps integrate
 SOUGHT = (*STATES, "energy", "observable", "force", "reaction", "joint")  # and of everything whose extremes are sought
-RULE_SAID = "an accepted state, a state between, or one at an event"
-DOUBT_SAID = "what interpolation may have {} off; the error of the integration is not in it"
+RULE_SAID = "where the extreme was found: at an accepted state, between two of them, or at a located event"
+DOUBT_SAID = "error of {} by interpolation between accepted states; the error of the integration is not included"
 MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
 MOST_NUMBERS = 1 << 24  # of states inside steps of a model with dimensions, above which accepted ones alone are used
 

@@ -141,32 +141,43 @@ def along_cycles(
     with np.errstate(invalid="ignore"):
         offsets = TURN * (reference[1:] - counted.times[1:]) / np.diff(reference)
     units, speed = (str(column(run, own).attrs["units"]) for own in (name, schema.velocity(name)))
-    uncertainties, seconds = counted.uncertainties, time_unit(run).text
-    dims = (CYCLE,)
+    uncertainties, seconds, dims = counted.uncertainties, time_unit(run).text, (CYCLE,)
     return {
         "cycle_time": (
             dims,
             counted.times[1:],
-            about(seconds, f"end of the cycle: {name} rises through {level_of(counted, units)}", ROLE),
+            about(seconds, f"end of the cycle, where {name} rises through {level_of(counted, units)}", ROLE),
         ),
-        "period": (dims, counted.periods, about(seconds, "from one located crossing to the next", ROLE)),
+        "period": (
+            dims,
+            counted.periods,
+            about(seconds, "time from one located crossing of the level to the next", ROLE),
+        ),
         "period_uncertainty": (
             dims,
             uncertainties[1:] + uncertainties[:-1],
-            about(seconds, "what the location of both crossings is uncertain by", "error"),
+            about(seconds, "uncertainty of the period from locating its two crossings", "error"),
         ),
         "phase_offset": (
             dims,
             offsets,
-            about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE),
+            about(
+                "rad",
+                "phase at the end of the cycle minus that of the reference; negative: the run lags",
+                ROLE,
+            ),
         ),
-        "amplitude": (dims, amplitude, about(units, f"half of what {name} goes up and down, to located turns", ROLE)),
+        "amplitude": (
+            dims,
+            amplitude,
+            about(units, f"half the peak-to-peak range of {name} over the cycle", ROLE),
+        ),
         "phase_space_area": (
             dims,
             area,
             about(
-                str(parse_unit(f"{units} {speed}").text),
-                f"area that {name} and its velocity go round: the velocity squared, over the cycle",
+                parse_unit(f"{units} {speed}").text,
+                f"area enclosed in the plane of {name} and its velocity: time integral of the velocity squared over the cycle",
                 ROLE,
             ),
         ),

@@ -46,10 +46,10 @@ def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]]
         high = _bisected(low, high, not_yet)
         points = inside.taken(inside.at(high, after=False), name)
     units = str(column(rows.run, name).attrs["units"])
-    located = f"when {name} turns, located by steps of the run's own method"
+    located = f"time at which {name} turns, located with steps of the run's own method"
     return {
         "turning_time": ((TURNS,), high, about(time_unit(rows.run).text, located, ROLE)),
-        "turning_point": ((TURNS,), points, about(units, f"{name} where it turns", ROLE)),
+        "turning_point": ((TURNS,), points, about(units, f"{name} at the turning point", ROLE)),
     }
 
 

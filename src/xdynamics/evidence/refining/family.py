@@ -118,7 +118,7 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
         f"difference_{name}": (
             dims,
             along(changes),
-            about(units, f"{name} of the next finer level less that of this one", ROLE),
+            about(units, f"{name} at the next finer level minus {name} at this level", ROLE),
         ),
         f"scaled_difference_{name}": (
             dims,
@@ -133,7 +133,7 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
         f"interpolation_error_{name}": (
             dims,
             along(number.errors),
-            about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE),
+            about(units, f"estimated error of {name} by interpolation, or by locating the event", ROLE),
         ),
         f"gate_{name}": (
             dims,
@@ -161,15 +161,19 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
         f"order_{name}": (
             (LEVEL, *number.dims),
             np.moveaxis(orders, -1, 0) if number.dims else orders[0],
-            about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE),
+            about(
+                "1",
+                f"observed order of {name}, from this level and its two neighbours; negative where differences grow",
+                ROLE,
+            ),
         ),
         f"verdict_{name}": (
             *once(judged.verdict, np.int8),
-            about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS))),
+            about("1", f"verdict on the convergence of {name}", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
         f"limit_{name}": (
             *once(judged.limit, float),
-            about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE),
+            about(units, f"limit of {name} as {levels.varied.name} tends to zero", ROLE),
         ),
         f"uncertainty_{name}": (
             *once(judged.uncertainty, float),
@@ -177,7 +181,8 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
         ),
         f"uncertainty_rule_{name}": (
             *once(_rule_numbers(judged.rule), np.int8),
-            about("1", f"where the uncertainty of {name} is from", "flag") | flags(dict(enumerate(RULE_WORDS))),
+            about("1", f"rule by which the uncertainty of {name} was found", "flag")
+            | flags(dict(enumerate(RULE_WORDS))),
         ),
     }
 

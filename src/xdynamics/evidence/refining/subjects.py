@@ -147,7 +147,7 @@ class Subjects:
     def energy_range(self) -> Subject:
         """Describe the range of the energy."""
         units = self.variables["total_energy"].units
-        return ENERGY_RANGE, units, "largest less least total energy of the accepted states", ()
+        return ENERGY_RANGE, units, "largest minus smallest total energy over the accepted states", ()
 
     def cycles(self, name: str) -> Subject:
         """Describe a mean period, or a phase."""

@@ -97,7 +97,11 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
             np.array([row.residual for row in rows]),
             numbers | {"long_name": "largest difference from the closed form"},
         ),
-        "bound": ((CASE,), np.array([row.bound for row in rows]), numbers | {"long_name": "the most that it may be"}),
+        "bound": (
+            (CASE,),
+            np.array([row.bound for row in rows]),
+            numbers | {"long_name": "largest residual with which the case passes"},
+        ),
         RESIDUAL_SCALE: ((CASE,), np.array([row.scale for row in rows]), numbers | {"long_name": SCALE_RULE}),
         SCALED_RESIDUAL: (
             (CASE,),
@@ -107,7 +111,7 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         "verdict": (
             (CASE,),
             np.array([row.verdict for row in rows], np.int8),
-            about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS))),
+            about("1", "result of the case", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
     }
     variables |= _counts(rows)
