@@ -134,10 +134,7 @@ def along_cycles(
     run, name, spans = rows.run, counted.name, counted.periods
     positions, speeds = _parts_of_cycles(rows, counted, functions)
     area = spans * np.mean(speeds**2, axis=0) if spans.size else np.zeros(0)
-    amplitude = np.ptp(positions, axis=0) / 2.0 if spans.size else np.zeros(0)
-    for k, (begin, end) in enumerate(pairwise(np.searchsorted(turning["turning_time"][1], counted.times).tolist())):
-        if end > begin:
-            amplitude[k] = max(amplitude[k], float(np.ptp(turning["turning_point"][1][begin:end])) / 2.0)
+    amplitude = _amplitudes(positions, counted, turning) if spans.size else np.zeros(0)
     with np.errstate(invalid="ignore"):
         offsets = TURN * (reference[1:] - counted.times[1:]) / np.diff(reference)
     units, speed = (str(column(run, own).attrs["units"]) for own in (name, schema.velocity(name)))
@@ -182,6 +179,15 @@ def along_cycles(
             ),
         ),
     }
+
+
+def _amplitudes(positions: Floats, counted: Cycles, turning: Mapping[str, Any]) -> Floats:
+    """Return half the range of each cycle, by positions within it and its turning points."""
+    amplitude: Floats = np.ptp(positions, axis=0) / 2.0
+    for k, (begin, end) in enumerate(pairwise(np.searchsorted(turning["turning_time"][1], counted.times).tolist())):
+        if end > begin:
+            amplitude[k] = max(amplitude[k], float(np.ptp(turning["turning_point"][1][begin:end])) / 2.0)
+    return amplitude
 
 
 def _parts_of_cycles(rows: Chunks, counted: Cycles, functions: Functions | None) -> Floats:
