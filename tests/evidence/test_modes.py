@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator, particle
+from xdynamics.documenting.summary import summary
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model.derivatives import force_totals
@@ -255,3 +257,30 @@ def test_an_element_of_the_state_is_replaced() -> None:
     )
     found = xd.modes(model, at={"u[1]": "2 m"})
     assert sorted(found.frequency.values.tolist()) == pytest.approx([3.0, 6.0], rel=1e-13)
+
+
+@pytest.mark.parametrize("name", ["coupled_masses", "truss", "heat"])
+def test_modes_are_kept_as_evidence(name: str, tmp_path: Path) -> None:
+    """Assert that modes are saved and opened again, of a run with the digest of the run that they are of."""
+    run = xd.simulate(loaded(name), until=1e-3)
+    found = modes(run, row=-1)
+    opened = xd.open_run(xd.save(found, tmp_path / "modes.nc"))
+    assert opened.equals(found)
+    assert opened.attrs["evidence"] == "modes"
+    assert opened.attrs["runs"] == xd.verify(xd.save(run, tmp_path / "run.nc"))
+    lazily = modes(run, row=-1, compute=False).compute()
+    assert xd.open_run(xd.save(lazily, tmp_path / "lazily.nc")).equals(found)
+    with pytest.raises(xd.InputError, match="these are not the modes as they were made"):
+        xd.save(found.assign(fastest_time_scale=found["fastest_time_scale"] * 2.0), tmp_path / "edited.nc")
+
+
+def test_modes_are_told_in_words() -> None:
+    """Assert frequencies, rigid motions, growth, and the steps to begin with of two masses and of a balanced pendulum."""
+    lines = "\n".join(summary(modes(loaded("coupled_masses"))))
+    assert "modes     2; frequencies 2, 3 rad s-1; the longest period is 3.142 s" in lines
+    assert "growth" not in lines
+    assert "0.039 s to begin with by midpoint, heun" in lines
+    balanced = "\n".join(summary(modes(loaded("balanced_pendulum"))))
+    assert "modes     2; 1 rigid motion; 1 does not oscillate" in balanced
+    assert "growth    4.589 s-1" in balanced
+    assert "growth" not in "\n".join(summary(modes(loaded("toda_chain"))))  # 1e-8 of a double zero is rounding

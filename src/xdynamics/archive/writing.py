@@ -27,7 +27,7 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
-from xdynamics.record.partial_records import is_evidence, left_out_atols
+from xdynamics.record.partial_records import is_evidence, left_out_atols, with_article
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
     AT,
@@ -245,8 +245,11 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
             DERIVED_FROM: attributes.get(DERIVED_FROM, result.of or "unknown"),
         }
     elif is_evidence(attributes) and (result.faults or result.selected):
+        kind = str(attributes[EVIDENCE])
+        several = with_article(kind) == kind
+        this, it, them = ("these are", "they were", "them") if several else ("this is", "it was", "it")
         raise InputError(
-            f"this is not the {attributes[EVIDENCE]} as it was made; save it before it is edited, or as data of its own"
+            f"{this} not the {kind} as {it} made; save {them} before an edit, or as data of {'their' if several else 'its'} own"
             f" with derived='how it was made':{numbered(result.faults or (result.selected,))}",
             result.faults or (result.selected,),
         )

@@ -121,16 +121,16 @@ def _summarising() -> Iterator[Any]:
 
     yield from (comparison_summary, ledger_rows, limiting)
     from xdynamics.budgeting import certificate
-    from xdynamics.evidence import companion
+    from xdynamics.evidence import companion, modes_summary
     from xdynamics.evidence.diagnosing import diagnosis
     from xdynamics.evidence.enclosing import enclosure_dataset
     from xdynamics.evidence.refining import refinement
 
-    yield from (companion, diagnosis, enclosure_dataset, refinement, certificate)
+    yield from (companion, diagnosis, modes_summary, enclosure_dataset, refinement, certificate)
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:
-    """Describe what is no whole run: a part of one, states at asked times, modes, a Dataset of another origin."""
+    """Describe what is no whole run: a part of one, states at asked times, a Dataset of another origin."""
     attributes = run.attrs
     yield str(attributes.get("title", "a record without a title"))
     other = str(attributes.get("summary") or "no run")

@@ -51,7 +51,8 @@ def exhibit(
     """
     import xarray as xr
 
-    coordinates = [name for name in (AT_TIME, "time") if name in variables]
+    # one time alone belongs to no dimension: a file would not name it as a coordinate of anything
+    coordinates = [name for name in (AT_TIME, "time") if name in variables and variables[name][0]]
     own = {name: xr.Variable(*variable) for name, variable in variables.items()}
     dataset = xr.Dataset(_told(own) if shapes.dims else own).set_coords(coordinates)
     header = {

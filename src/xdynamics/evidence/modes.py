@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,7 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics import schema
+from xdynamics import archive, schema
+from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.evidence.operating_point import operating_point, place_in, replacements
 from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.stage_tasks import Task, inputs_of
@@ -25,7 +26,6 @@ from xdynamics.model.linearisation import Linearisation, linearise
 from xdynamics.model.motion import constants, variables
 from xdynamics.model.tangent_space import count_of_changes, free_coordinates, independent
 from xdynamics.record import of_elements
-from xdynamics.record.folding import fold, labelled
 from xdynamics.runtime.blas_threads import one_blas_thread
 from xdynamics.schema import Variable
 from xdynamics.stability import LinearSystem, NormalModes, decay_limit, oscillator_limit, stable_step_of
@@ -94,10 +94,11 @@ def modes(
         return _of_lazy_run(subject, row, at)
     model, state = operating_point(subject, row)
     state |= replacements(model, at)
+    runs = [archive.digest_of_run(subject)] if isinstance(subject, xr.Dataset) else []
     if compute:
-        return _computed(model, state)
-    task = Task.of("modes", partial(_computed, model, state), (), model.digest, inputs_of(state))
-    template = _dataset(model, state, Spectrum.blank(model))
+        return _computed(model, state, runs)
+    task = Task.of("modes", partial(_computed, model, state, runs), (), model.digest, inputs_of(state), runs)
+    template = _dataset(model, state, Spectrum.blank(model), runs)
     return lazy(Stage(template, task, [variable.name for variable, _ in _state(model, state)]))
 
 
@@ -106,7 +107,7 @@ def _of_lazy_run(run: xr.Dataset, row: int | None, at: Mapping[str, Any] | None)
     model, _ = place_in(run, row)
     known = replacements(model, at)
     state = dict.fromkeys(("t", *variables(model)), np.nan) | known
-    template = _dataset(model, state, Spectrum.blank(model))
+    template = _dataset(model, state, Spectrum.blank(model), ())
     template.attrs["summary"] = f"Linearisation about row {row or 0} of {run.attrs['title']}"
     task = task_of_runs("modes", partial(_in_task, row, at), (run,), row, inputs_of(known))
     return lazy(Stage(template, task))
@@ -115,15 +116,15 @@ def _of_lazy_run(run: xr.Dataset, row: int | None, at: Mapping[str, Any] | None)
 def _in_task(row: int | None, at: Mapping[str, Any] | None, run: xr.Dataset) -> xr.Dataset:
     """Linearise about a row of a run, in a task."""
     model, state = operating_point(run, row)
-    return _computed(model, state | replacements(model, at))
+    return _computed(model, state | replacements(model, at), [archive.digest_of_run(run)])
 
 
 @one_blas_thread()
-def _computed(model: Model, state: Mapping[str, float]) -> xr.Dataset:
+def _computed(model: Model, state: Mapping[str, float], runs: Sequence[str]) -> xr.Dataset:
     linearisation = linearise(model, dict(state))
     _check_state(model, linearisation, state)
     _check_finite(model, linearisation, state["t"])
-    return _dataset(model, state, Spectrum.of(model, linearisation))
+    return _dataset(model, state, Spectrum.of(model, linearisation), runs)
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ class Spectrum:
         return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
 
 
-def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr.Dataset:
+def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum, runs: Sequence[str]) -> xr.Dataset:
     filled = [
         *_state(model, state),
         *_undamped(model, spectrum),
@@ -186,15 +187,12 @@ def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr
         *_methods(model, spectrum),
     ]
     attributes = {
-        "title": f"Modes of {model.name}",
         "summary": f"Linearisation about the state at t = {state['t']!r}{unit_suffix(model.time_unit)}",
         "source": "linearisation by xdynamics, exact derivatives",
         "model_digest": model.digest,
     }
-    found = xr.Dataset(
-        {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}, attrs=attributes
-    )
-    return labelled(fold(found, model.shapes))
+    variables = {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}
+    return exhibit("modes", f"Modes of {model.name}", runs, variables, attributes, shapes=model.shapes)
 
 
 def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str, float]) -> None:

@@ -17,14 +17,9 @@ from xdynamics.units import unit_suffix
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MODE, SHAPE = "mode", "shape_"
+SHAPE = "shape_"
 MOST_NAMED = 10  # coordinates with their names below them
 TILTED = 5  # names, from where on they are tilted
-
-
-def is_modes(record: xr.Dataset) -> bool:
-    """Whether a record has shapes of modes."""
-    return MODE in record.dims and any(variable.attrs.get("role") == "mode_shape" for variable in record.values())
 
 
 def panels_of(modes: xr.Dataset) -> list[Panel]:
@@ -79,4 +74,4 @@ def _shape(modes: xr.Dataset, number: int, axes: Axes) -> None:
     axes.set_title(words(f"mode {number + 1}: {', period '.join(said)}"), loc="left", fontsize=10)
 
 
-PAGE = Page((), panels_of, foot_of, most_panels=6)
+PAGE = Page(("modes",), panels_of, foot_of, most_panels=6)

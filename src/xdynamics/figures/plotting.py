@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 PAGES = {
     kind: module.PAGE
-    for module in (budget, comparison, diagnosis, enclosure, fit, ledger, logs, precision, refinement, sweep)
+    for module in (budget, comparison, diagnosis, enclosure, fit, ledger, logs, modes, precision, refinement, sweep)
     for kind in module.PAGE.kinds
 }
 
@@ -108,8 +108,7 @@ def plot(
         kind = str(given.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
             raise InputError(f"there is no figure of {with_article(kind)}; `xdynamics show` prints what it found")
-        default = modes.PAGE if modes.is_modes(given) else run.PAGE
-        page, title = PAGES.get(kind, default), str(given.attrs.get("title", "run"))
+        page, title = PAGES.get(kind, run.PAGE), str(given.attrs.get("title", "run"))
         if page is run.PAGE and others:
             title = title.removesuffix(f", by {given.attrs.get('solver_method')}")
     else:

@@ -76,10 +76,7 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         "case_bound_rule": ("rule", "how the bound is derived"),
         "case_note": ("note", "why a case was refused, or what was missing"),
         "case_run": ("run", "content digest of the run"),
-        "case_worst_element": (
-            "worst",
-            "element that residual, bound and scale are of, where several are judged as one case",
-        ),
+        "case_worst_element": ("worst", "element of the largest residual, where several are judged as one case"),
     }
     variables: dict[str, Any] = {
         name: ((CASE,), np.array([spoken(getattr(row, key)) for row in rows]), about("1", long_name, ROLE))
