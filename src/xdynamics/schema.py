@@ -22,7 +22,7 @@ AT, LEVEL, OCCURRENCE, CYCLE, CASE, EXPONENT = "at", "level", "occurrence", "cyc
 # of a diagnosis: growth in the limit of long times, and over the time of a run
 LYAPUNOVS, LYAPUNOV_UNCERTAINTY = "lyapunov_exponents", "lyapunov_uncertainty"
 LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH = "lyapunov_exponent", "lyapunov_time", "finite_time_growth"
-CONTINUITY = "continuity"  # role, and first word: whether steps, made again, lead to the rows that follow
+CONTINUITY = "continuity"  # role, and first word: whether steps, recomputed, lead to the rows that follow
 CONTINUITY_STEPS, CONTINUITY_TIME, CONTINUITY_VERDICT = "continuity_steps", "continuity_time", "continuity_verdict"
 AT_TIME = "at_time"
 DIMENSIONS = {
@@ -263,7 +263,7 @@ def error(name: str) -> str:
 
 
 def continuity_defect(name: str) -> tuple[str, str]:
-    """Name how far a step, made again, is from its row, and what rounding explains of it."""
+    """Name how far a step, recomputed, is from its row, and what rounding explains of it."""
     return f"continuity_defect_{name}", f"continuity_bound_{name}"
 
 

@@ -1,4 +1,4 @@
-"""Whether each step of a record, made again, leads to the row that follows."""
+"""Whether each step of a record, recomputed, leads to the row that follows."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_changed_velocity_is_off_by_its_change_and_moves_the_position_by_it() 
     assert found.continuity_bound_v_x < 1e-13
     assert float(found.continuity_time) in (0.625, 0.75)
     (line,) = (line for line in lines_of(found) if "continuity" in line)
-    assert "attention: continuity failed: each of 16 steps was made again; that from t = 0." in line
+    assert "attention: continuity failed: each of 16 steps was recomputed; that from t = 0." in line
     assert "2.73e-12 m s-1 away from the next row in v_x" in line
 
 
@@ -94,7 +94,7 @@ def test_steps_to_events_on_interpolants_are_left_out() -> None:
     run = xd.simulate(model, method="rk4", step="70 ms", until="1 s")
     found = diagnosed(run)
     assert (found.continuity_verdict, found.continuity_steps) == (PASSED, np.count_nonzero(np.diff(run.time) > 0) - 1)
-    assert found.attrs["continuity_rule"].endswith("was made again, but those to events on interpolants")
+    assert found.attrs["continuity_rule"].endswith("was recomputed, but those to events on interpolants")
 
 
 def test_of_long_runs_some_steps_are_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +103,7 @@ def test_of_long_runs_some_steps_are_made_again(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(continuity, "MOST_NUMBERS", 200)
     found = diagnosed(run)
     assert found.continuity_steps == 100
-    assert found.attrs["continuity_rule"] == "100 of 1000 steps, evenly spread, were made again"
+    assert found.attrs["continuity_rule"] == "100 of 1000 steps, evenly spread, were recomputed"
     for row in (0, 1000):
         assert diagnosed(changed(run, "x", row, 1 + 1e-9)).continuity_verdict == FAILED
 
@@ -113,7 +113,7 @@ def test_chunks_and_a_run_without_a_step() -> None:
     run = xd.simulate(free().model, method="rk4", step="10 ms", until="1 s")
     found = diagnosed(run.isel(step=slice(1)))
     assert (found.continuity_verdict, found.continuity_steps) == (NOT_CHECKED, 0)
-    assert found.attrs["continuity_rule"] == "there is no step to make again"
+    assert found.attrs["continuity_rule"] == "there is no step to recompute"
     assert np.isnan(found.continuity_defect_x)
     other = changed(run, "x", 40, 1 + 1e-12)
     whole, parts = (diagnosed(own) for own in (other, chunked(other, [30, 30, 41])[0]))

@@ -128,7 +128,7 @@ SQUARES = 10.0 - 3.0 * H**2  # the last differences are 0.09 and 0.0225, the fin
 OFF = {"rounding": 1e-5, "interpolation": 2e-5, "events": 4e-5}
 BEHIND = 7e-5  # their sum
 THREE = "three times the last difference"
-RICHARDSON = "three times Richardson's error"
+RICHARDSON = "three times the error by Richardson extrapolation"
 STEPPED = "three times the last differences: a switch was stepped over"
 LEAST = "least squares"
 

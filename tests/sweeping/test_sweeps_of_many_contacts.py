@@ -7,6 +7,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.documenting.summary import summary
 from xdynamics.march import ensemble_part
 
 RESTITUTIONS = [0.0, 0.5]
@@ -34,6 +35,8 @@ def test_members_go_on_where_their_log_is_full(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(ensemble_part, "LOG_ROWS", rows)
     asked = {"method": "velocity_verlet", "step": "2 ms", "until": "0.4 s"}
     found = xd.sweep(falling(0.5), {"e": RESTITUTIONS}, keep=keep, **asked).load()
+    assert found.attrs["comment"].startswith("members are marched one after the other")
+    assert any(line.startswith("remark    members are marched one after the other") for line in summary(found))
     for k, restitution in enumerate(RESTITUTIONS):
         run = xd.simulate(falling(restitution), **asked)
         assert run.sizes["step"] > 2 * rows

@@ -83,7 +83,7 @@ rest on.
                setting
   diagnose     energy and momentum, band and drift apart; cycles, phase, area; extremes and how they
                were found; residuals against closed forms; Lyapunov exponents with uncertainties;
-               until when a run can be believed; whether steps made again lead to the next rows:
+               until when a run can be believed; whether steps, recomputed, lead to the next rows:
                continuity_verdict, _time, _steps, continuity_defect_y, continuity_bound_y
   compare      two runs at any times, beside the interpolation error, and what differs by value; or
                a run and measured data

@@ -36,6 +36,11 @@ AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
 )
 SHARED = "method", "step", "rtol", "until"  # settings that are reported
 NUMBER = "occurrence_number"
+COMMENT = "comment"
+ONE_BY_ONE = (
+    "members are marched one after the other, not side by side in vector code: the model has contacts or frictions of"
+    " many elements"
+)
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of axis values: kind, name, axis
 DIGITS = "varies_by"  # the values as they were written, where that is with more digits than floats have
 _SAID = {
@@ -156,6 +161,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         AXES: listed(plan.grid.dims),
         ASKED: json.dumps(plan.grid.asked, sort_keys=True),
         **_shared_settings(plan.grid),
+        **({COMMENT: ONE_BY_ONE} if plan.grid.model.assemblies else {}),
         KEEP: listed(keeping.words),
         OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": plan.grid.math_functions,

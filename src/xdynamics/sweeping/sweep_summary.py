@@ -11,7 +11,7 @@ import numpy as np
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import PASSED
-from xdynamics.sweeping.collection import AXIS, KEEP, axes_said, settings_said
+from xdynamics.sweeping.collection import AXIS, COMMENT, KEEP, axes_said, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 from xdynamics.units.digits import known_part, short_number
 
@@ -31,6 +31,8 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
         f"{count} {word}{'' if word.split()[0] in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
     )
     lines.append(f"outcomes  {text}")
+    if COMMENT in sweep.attrs:
+        lines.append(f"remark    {sweep.attrs[COMMENT]}")
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     if loose:
         lines.append(

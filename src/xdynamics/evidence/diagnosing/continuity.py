@@ -1,4 +1,4 @@
-"""Continuity of a record: whether each step, made again from the row it started from, leads to the row it led to."""
+"""Continuity of a record: whether each step, recomputed from the row it started from, leads to the row it led to."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ MARGIN = 32.0  # spacings at the start and the end of a step that it may be off 
 MOST_NUMBERS, FEWEST_STEPS = (
     1 << 20,
     16,
-)  # states of the steps that are made again have no more numbers, and of how many at least
-MOST_SOLVED = 1000  # steps that are made again where the forces of contacts of many are solved for in each
+)  # states of the steps that are recomputed have no more numbers, and of how many at least
+MOST_SOLVED = 1000  # steps that are recomputed where the forces of contacts of many are solved for in each
 
 
 @dataclass
@@ -83,14 +83,14 @@ def _spread(times: Floats, like: Floats) -> Floats:
 
 
 def continuity(rows: Chunks, functions: Functions) -> tuple[dict[str, Any], str]:
-    """Make steps again, from the rows they started from, and compare them with the rows that they led to.
+    """Recompute steps from the rows they started from, and compare them with the rows that they led to.
 
     Returns
     -------
     variables : dict
         Of a Dataset.
     rule : str
-        Which steps were made again, or why none was.
+        Which steps were recomputed, or why none was.
     """
     names = with_roles(rows.run, OF_STEPS)
     worst = {name: Worst.of(rows.run.variables[name].shape[1:]) for name in names}
@@ -102,12 +102,12 @@ def continuity(rows: Chunks, functions: Functions) -> tuple[dict[str, Any], str]
             unsolved = sum(_judge(inside, places, largest, worst) for inside, places in _parts(rows, chosen, functions))
             steps, rule = chosen.size - unsolved, f"{rule}, {unsolved} could not be solved" if unsolved else rule
         except InputError as error:
-            steps, rule = 0, f"no step was made again: {error}"
+            steps, rule = 0, f"no step was recomputed: {error}"
     return _variables(rows, worst, steps), rule
 
 
 def _chosen(rows: Chunks) -> tuple[Rows, str]:
-    """Choose the rows that steps are made again from: all, or as many as there is time for, evenly spread."""
+    """Choose the rows that steps are recomputed from: all, or as many as there is time for, evenly spread."""
     kinds, times = (rows.at(name, np.arange(rows.size)) for name in ("row_kind", "time"))
     starts = np.flatnonzero(np.diff(times) > 0.0)
     taken, left = starts, ""
@@ -115,18 +115,18 @@ def _chosen(rows: Chunks) -> tuple[Rows, str]:
         taken = starts[kinds[starts + 1] != schema.EVENT_BEFORE]
         left = ", but those to events on interpolants"
     if not taken.size:
-        return taken, f"there is no step to make again{left}"
+        return taken, f"there is no step to recompute{left}"
     most = max(FEWEST_STEPS, MOST_NUMBERS // max(1, len(rows.model.units)))
     if schema.CLOSED_LINKS in rows.run.dims:
         most = min(most, MOST_SOLVED)
     if taken.size <= most:
-        return taken, f"each of {starts.size} steps was made again{left}"
+        return taken, f"each of {starts.size} steps was recomputed{left}"
     taken = taken[np.unique(np.linspace(0, taken.size - 1, most).astype(np.int64))]
-    return taken, f"{taken.size} of {starts.size} steps, evenly spread, were made again{left}"
+    return taken, f"{taken.size} of {starts.size} steps, evenly spread, were recomputed{left}"
 
 
 def _parts(rows: Chunks, chosen: Rows, functions: Functions) -> Iterator[tuple[Inside, Rows]]:
-    """Yield records in memory, and rows of theirs that steps are made again from."""
+    """Yield records in memory, and rows of theirs that steps are recomputed from."""
     size, near = max(1, MOST_NUMBERS // max(1, len(rows.model.units))), rows.run
     is_far = rows.is_stored and not rows.model.delays
     if rows.is_stored and not is_far:  # delayed values are of all rows before

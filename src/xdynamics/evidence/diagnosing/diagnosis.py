@@ -55,7 +55,7 @@ SAID = {
     "maxima": "how often the coordinate turns from rising to falling",
     "reference": "what phases are offset from",
     "cycle_doubt": "why cycles may not be what they are taken for; empty if nothing is doubted",
-    "continuity_rule": "which steps were made again, or why none was",
+    "continuity_rule": "which steps were recomputed, or why none was",
 }
 LONGEST = 9  # digits in lines of numbers whose uncertainty is known
 RELATIVE = "relative_uncertainty"  # attribute: what tolerances and uncertain inputs leave open of a number
@@ -119,7 +119,7 @@ def diagnose(
         sampled, interpolated, located by an event), `maximum_y_uncertainty`, and the same for `minimum_y`; with closed
         forms `largest_residual_y` and `rms_residual_y`, and both scaled, `scaled_largest_residual_y` and
         `scaled_rms_residual_y`, by `residual_scale_y`, the largest expected size (one expected value may be 0);
-        whether steps, made again from the rows they started from, lead to the rows they led to, `continuity_verdict`
+        whether steps, recomputed from the rows they started from, lead to the rows they led to, `continuity_verdict`
         (passed, failed, not_checked), of each variable that they change how far the furthest is off and what rounding
         explains, `continuity_defect_y` and `continuity_bound_y`, and when it starts, `continuity_time`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the

@@ -32,7 +32,11 @@ ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_
 # largest order assumed for a switch that was stepped over: a single level may by chance have it at the end of a step
 ABRUPT = 2.0
 STEPPED_OVER = "three times the last differences: a switch was stepped over"
-THRICE, RICHARDSON, SQUARES = "three times the last difference", "three times Richardson's error", "least squares"
+THRICE, RICHARDSON, SQUARES = (
+    "three times the last difference",
+    "three times the error by Richardson extrapolation",
+    "least squares",
+)
 MISSING, ROUNDED, INDEX, POWER = (
     "none: a value is missing",
     "rounding",
