@@ -470,3 +470,51 @@ def test_links_between_two_dimensions_pull_both_ends() -> None:
         np.testing.assert_allclose(run.force_s_w[0], -pulls.sum(0), rtol=1e-15)
         momentum = run.v_u.sum("bead") + 2.0 * run.v_w.sum("wall")
         assert float(abs(momentum).max()) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("acts", "said"),
+    [
+        (
+            {"u": "f"},
+            "acts on 'u' alone, .* at the second end .* where 'w' moves along 'wall'; .* w = \"f\", which acts opp",
+        ),
+        (
+            {"w": "f"},
+            "acts on 'w' alone, .* at the first end .* where 'u' moves along 'bead'; .* u = \"f\", which acts on",
+        ),
+        (
+            {"u": "f", "w": "-f"},
+            'pushes both ends of each link the same way: .* write the same of both, w = "f" as u = "f"',
+        ),
+        ({"u": "f", "w": "k*(first(u, hung) - second(w, hung))"}, "pushes both ends of each link the same way"),
+        ({"u": "f", "w": "2*f - 3*f"}, None),
+        ({"u": "f", "w": "0*f"}, None),
+        ({"u": "f", "w": "f"}, None),
+    ],
+)
+def test_a_force_between_two_dimensions_has_its_opposite(acts: dict[str, str], said: str | None) -> None:
+    """Assert that a force on one end where both move is refused with the remedy, and a record of it still read."""
+    sections: dict[str, object] = {
+        "name": "hung",
+        "initial": {"u": "0 m", "w": "1 m"},
+        "dimensions": {"bead": 3, "wall": ["low", "high"]},
+        "relations": {"hung": {"from": "bead", "to": "wall"}},
+        "coordinates": {"u": {"unit": "m", "dims": ["bead"]}, "w": {"unit": "m", "dims": ["wall"]}},
+        "parameters": {"k": "1 N m-1"},
+        "definitions": {"f": "k*(second(w, hung) - first(u, hung))"},
+        "mass": {"u": "1*kilogram", "w": "2*kilogram"},
+    }
+    both = xd.Model(**sections, forces={"s": {"over": "hung", "u": "f", "w": "f"}})  # type: ignore[arg-type]
+    text = both.to_toml().replace('u = "f"\nw = "f"\n', "".join(f'{name} = "{tree}"\n' for name, tree in acts.items()))
+    assert {*xd.Model.from_record(text).shaped.forces["s"].components} == {*acts}
+    for make in (
+        lambda: xd.Model(**sections, forces={"s": {"over": "hung", **acts}}),
+        lambda: xd.Model.from_text(text),
+        lambda: both.replace(forces={"s": {"over": "hung", **acts}}),
+    ):
+        if said is None:
+            make()
+            continue
+        with pytest.raises(xd.ModelError, match=said):
+            make()

@@ -20,6 +20,7 @@ from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
 from xdynamics.model.elements import Elements
+from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.model_trees import ModelTrees
 from xdynamics.model.python import Functions
@@ -254,6 +255,8 @@ class Model(ModelTrees):
             named = {title: _named_inside(entries) for title, entries in sections.items()}
             return self.with_statement(replaced(self.statement, named, self.functions))
         model._state(replaced(self.shaped, sections, self.functions))
+        if "forces" in sections:
+            check_end_forces(model.shaped, model.shapes)
         return model
 
     def with_statement(self, statement: Statement) -> Model:
@@ -326,11 +329,21 @@ class Model(ModelTrees):
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
             raise ModelError(f"model file '{path}' is no TOML: {error}") from None
         model = object.__new__(cls)
-        model._fill(statement, path, functions or {}, access)
+        model._fill(statement, path, functions or {}, access, recorded=recorded)
         return model
 
-    def _fill(self, statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> None:
+    def _fill(
+        self,
+        statement: Mapping[str, Any],
+        path: Path,
+        functions: Functions,
+        access: FileAccess,
+        *,
+        recorded: bool = False,
+    ) -> None:
         self._state(read(statement, path, functions, access))
+        if self._declared is not None and not recorded:
+            check_end_forces(self._declared, self.shapes)
 
     def _state(self, whole: Statement) -> None:
         """Take a statement that was read, perhaps with dimensions."""
