@@ -385,6 +385,7 @@ def _record() -> Iterator[str]:
         yield f"  {name:6}  {schema.DIMENSIONS[name]}"
     for name, about in OF_MODELS:
         yield from folded(f"  {name}  {about}", 4)
+    yield "An event of each of n elements has two rows of all n: see the end of `xdynamics help shapes`."
     yield "and its variables, first those that are called after the model's own names,"
     for name, dim, about in BY_NAME:
         yield from folded(f"  {name}{f' ({dim})' if dim else ''}: {about}", 4)
@@ -394,7 +395,5 @@ def _record() -> Iterator[str]:
 
 
 def _variable(variable: Variable) -> str:
-    details = [*variable.dims, *([variable.units] if variable.units != "1" else [])]
-    return (
-        f"  {variable.name}{' (' if details else ''}{', '.join(details)}{')' if details else ''}: {variable.long_name}"
-    )
+    details = ", ".join([*variable.dims, *([variable.units] if variable.units != "1" else [])])
+    return f"  {variable.name}{f' ({details})' if details else ''}: {variable.long_name}"

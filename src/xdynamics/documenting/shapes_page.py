@@ -48,6 +48,12 @@ CLOSING = (
     "An expression may not have a dimension that its place lacks; one that it lacks itself is the same for all elements.",
     "In [mass], matrix = [[…], …] has an entry for every two coordinates; it couples elements whose shared dimensions agree.",
     "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
+    (
+        "Each located event has two rows of the record, with the states of all elements: n elements with an event each have 2*n*n"
+        " numbers of each quantity; a run that comes to more than there is memory for ends with an error. So log what is needed"
+        " (log = ['u[0]'], in Python too), stream it to a file (-o, path=…), or take one event for all, whose function is"
+        " max(…, dimension), min or sum: it is located where the first of them crosses."
+    ),
     "Values are a list (of lists), values = { label = … } (of two dimensions { label = { label = … } }), a table, or an",
     "expression of index(…), beside a unit where it is a pure number; at the start an expression of parameters, too.",
     (

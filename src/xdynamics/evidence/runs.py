@@ -26,7 +26,12 @@ if TYPE_CHECKING:
 
 
 def record_of(
-    march: March, path: Given | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
+    march: March,
+    path: Given | None,
+    before: Iterable[tuple[str, Any]] = (),
+    *,
+    resume: bool = False,
+    memory: str | float | None = None,
 ) -> xr.Dataset:
     """March, and return the record: in memory, or opened from the file that it is streamed to.
 
@@ -38,10 +43,12 @@ def record_of(
         Rows that precede those of the march.
     resume : bool
         Whether to go on from segments beside the file.
+    memory : str or float, optional
+        The most that it may take in memory; see `check_growth`.
     """
     if path is not None:
         return archive.open_run(archive.stream(march, path, before=before, resume=resume), check=False)
-    return archive.marched(record.dataset(march, march.blocks(), before))
+    return archive.marched(record.dataset(march, march.blocks(), before, memory))
 
 
 def march(model: Model, path: Place | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
@@ -87,7 +94,7 @@ def marched_by(
     if path is not None and (kept := _kept(prepared, path)) is not None:
         return read_whole(kept, model)
     check_room(prepared, memory, path and store_of(path).written_at(path))
-    run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
+    run = record_of(prepared, path, resume=path is not None and archive.has_segments(path), memory=memory)
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
     return read_whole(run, model)

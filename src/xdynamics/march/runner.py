@@ -170,7 +170,10 @@ class March:
                 self._judge_events(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
-                size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
+                most = max(most_recycled(self.layout), (self.expected_rows or 0) - int(self.now.rows))
+                size = rows or min(
+                    size * (4 if self.settings.adaptive else 1), most
+                )  # rows of events come as they come
         if kept:
             self._log(0).lend(self.run)  # nothing of the others is touched any more
 

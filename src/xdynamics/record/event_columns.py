@@ -393,4 +393,5 @@ def _impulse_unit(about: About, own: Quantity) -> Unit:
 
 
 def _nothing(shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
-    return lambda block: np.zeros((block.events, *shape))
+    """Take zeros that have no memory of their own: of many elements they would be as much as the states at events."""
+    return lambda block: np.broadcast_to(0.0, (block.events, *shape))

@@ -20,6 +20,7 @@ from xdynamics.record.conformity import faults_of
 from xdynamics.record.folding import check_elements
 from xdynamics.record.logged_elements import sizes_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
+from xdynamics.record.size import check_growth
 from xdynamics.runtime.files import shown
 from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
 from xdynamics.shapes.blocks import Block
@@ -34,7 +35,12 @@ WIDE = 1 << 16  # numbers of a row of a column from which it is half a megabyte
 KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
 
 
-def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str, Array]] = ()) -> xr.Dataset:
+def dataset(
+    march: March,
+    blocks: Iterable[LogBlock],
+    before: Iterable[tuple[str, Array]] = (),
+    memory: str | float | None = None,
+) -> xr.Dataset:
     """March and return the whole run in memory.
 
     Parameters
@@ -44,11 +50,18 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
         Blocks whose memory is not reused, as `March.blocks` yields them without a size.
     before : iterable of (str, ndarray)
         Rows that precede those of the march, taken before its first block is requested.
+    memory : str or float, optional
+        The most that they may take, as `check_growth` has it.
+
+    Raises
+    ------
+    InputError
+        If more rows come, of events or of steps that are chosen, than there is room for.
     """
     spec = columns(march)
     before = [*before]
     march.witnesses.elsewhere = not before and _has_states(march, spec)
-    gathered = _gathered(march, spec, blocks, before)
+    gathered = _gathered(march, spec, blocks, before, memory)
     tolerances = followed_tolerances(march)
     filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
     if march.witnesses.elsewhere:
@@ -188,22 +201,30 @@ def check_kind(run: Any) -> None:
 
 
 def _gathered(
-    march: March, spec: Sequence[Column], blocks: Iterable[LogBlock], before: Iterable[tuple[str, Array]]
-) -> dict[str, _Gathered]:
+    march: March,
+    spec: Sequence[Column],
+    blocks: Iterable[LogBlock],
+    before: Iterable[tuple[str, Array]],
+    memory: str | float | None,
+) -> dict[str, GatheredColumn]:
     """March, and return the values of all columns."""
     is_lent = march.settings.log != FULL
     # where rows are left out, how many are kept is known in the end
     rows = march.expected_rows if is_lent and not march.thinning else None
-    gathered = {column.variable.name: _Gathered(rows if column.variable.dims[0] == STEPS else None) for column in spec}
+    gathered = {
+        column.variable.name: GatheredColumn(rows if column.variable.dims[0] == STEPS else None) for column in spec
+    }
     for name, values in before:
         gathered[name].add(values, is_lent=False)
     for block in chain(blocks, _rest(march)):
+        parts = gathered.values()
+        check_growth(march, sum(part.taken for part in parts), sum(part.growth(block.rows) for part in parts), memory)
         for column in spec:
             gathered[column.variable.name].add(column.take(block), is_lent=is_lent)
     return gathered
 
 
-class _Gathered:
+class GatheredColumn:
     """The values of a column, piece by piece.
 
     Those of memory that is filled again are put at once where the record has them: joined in the end they would be there
@@ -224,16 +245,34 @@ class _Gathered:
     def add(self, values: Array, *, is_lent: bool) -> None:
         """Add the values of some rows, whose memory is filled again if it is lent."""
         if not is_lent or (self.expected is None and values[:1].size < WIDE):
-            self.pieces.append(values.copy() if is_lent else values)
+            self.pieces.append(values.copy() if is_lent and values.flags.writeable else values)
             return
         room = self._begun(values) if self.room is None else self.room
         rows = self.filled + len(values)
-        if rows > len(room):
-            # of a row of a million numbers one more is made, of others twice as many
-            most = rows if values[:1].size >= WIDE else max(rows, 2 * len(room))
-            room.resize((most, *values.shape[1:]), refcheck=False)  # the system moves pages, no numbers
+        if more := self._more_rows(room, len(values)):
+            room.resize((len(room) + more, *values.shape[1:]), refcheck=False)  # the system moves pages, no numbers
         room[self.filled : rows] = values
         self.filled = rows
+
+    @property
+    def taken(self) -> int:
+        """Bytes that it takes."""
+        return (
+            sum(0 if _is_nothing(piece) else piece.nbytes for piece in self.pieces)
+            if self.room is None
+            else self.room.nbytes
+        )
+
+    def growth(self, rows: int) -> int:
+        """Return how many bytes more it will take with so many rows to come: pieces are there twice when they are joined."""
+        if self.room is None:
+            return self.taken if self.pieces else 0
+        return self._more_rows(self.room, rows) * self.room[:1].nbytes
+
+    def _more_rows(self, room: Array, rows: int) -> int:
+        """Return how many rows are made for so many to come: of a million numbers as many, else a quarter more at least."""
+        missing = self.filled + rows - len(room)
+        return 0 if missing <= 0 else missing if room[:1].size >= WIDE else max(missing, len(room) // 4)
 
     def _begun(self, values: Array) -> Array:
         """Make room for all rows that are expected, behind those that were there before."""
@@ -248,4 +287,11 @@ class _Gathered:
         """Return all of them."""
         if self.room is not None:
             return self.room[: self.filled]
+        if all(map(_is_nothing, self.pieces)):
+            return np.zeros((sum(map(len, self.pieces)), *self.pieces[0].shape[1:]))
         return self.pieces[0] if len(self.pieces) == 1 else np.concatenate(self.pieces)
+
+
+def _is_nothing(piece: Array) -> bool:
+    """Whether a piece has zeros without memory of their own."""
+    return not piece.flags.writeable and not any(piece.strides)

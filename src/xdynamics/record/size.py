@@ -11,6 +11,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import March
 from xdynamics.runtime.free_memory import ROOM, UNITS, free_memory, size_text
+from xdynamics.units import TIME, unit_suffix
 
 SMALL = 1e6  # bytes of a log that always fit, so that the free memory is not looked up
 
@@ -51,7 +52,7 @@ def memory_asked(memory: str | float | None) -> float | None:
 
 
 def check_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
-    """Check before a march that its log will fit; with adaptive steps the number of rows is unknown, and nothing is checked.
+    """Check before a march that its log will fit; rows of steps that are chosen, and of events, are judged as they come.
 
     Parameters
     ----------
@@ -94,6 +95,43 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
             f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
             " step or an earlier end"
         )
+
+
+def check_growth(march: March, taken: float, more: float, memory: str | float | None = None) -> None:
+    """Check during a march that there is room for more of its record, whose rows could not be counted before.
+
+    Parameters
+    ----------
+    march : March
+    taken, more : float, bytes
+        What its record takes so far, and what it will take beyond that.
+    memory : str or float, optional
+        The most that it may take; by default it may take four fifths of the memory that is left.
+
+    Raises
+    ------
+    InputError
+        With the time it has come to, its rows, the room that they take and the room that is available.
+    """
+    if memory is None and more < SMALL:
+        return
+    allowed = memory_asked(memory)
+    room = ROOM * free_memory() if allowed is None else allowed
+    if (more if allowed is None else taken + more) <= room:
+        return
+    limit = f"{size_text(room)} more can be had" if allowed is None else f"{size_text(room)} were allowed"
+    rows, of_events, now = int(march.now.rows), 2 * march.event_pairs, march.now.t * march.settings.scales.of(TIME)
+    reached = f"the march of '{march.model.name}' is at t = {now:.6g}{unit_suffix(march.model.time_unit)}"
+    if 2 * of_events < rows:
+        raise InputError(
+            f"{reached} with {rows} rows, which take {size_text(taken)} of memory, and {limit}; give path=… to stream"
+            " them to a file, keep_every=n to keep one row in n, larger tolerances or an earlier end"
+        )
+    raise InputError(
+        f"{reached} with {rows} rows, {of_events} of them of events, which take {size_text(taken)} of memory, and"
+        f" {limit}; each event has two rows of all elements: take one event for all of them, by max(…, dimension) or"
+        " sum(…, dimension), name what is logged (log=['…']), or give path=… to stream them to a file"
+    )
 
 
 def _check_march(march: March) -> None:

@@ -55,10 +55,15 @@ def check_destination(path: Any, *, resume: bool) -> None:
 
 
 def marched_record(
-    march: March, path: Given | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
+    march: March,
+    path: Given | None,
+    before: Iterable[tuple[str, Any]] = (),
+    *,
+    resume: bool = False,
+    memory: str | float | None = None,
 ) -> xr.Dataset:
     """March, warn of what was not accurate, and return the record; see `record_of`."""
-    run = record_of(march, path, before, resume=resume)
+    run = record_of(march, path, before, resume=resume, memory=memory)
     warn_of_accuracy(march)
     return run
 

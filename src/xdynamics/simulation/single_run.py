@@ -162,7 +162,8 @@ def simulate(
         Go on from the segments that a process left behind, to the bits of the uninterrupted run.
     memory : str or float, optional
         The most that the log may take in memory: ``"2 GB"``, or bytes; by default four fifths of what is free. A fixed
-        grid that needs more is refused before it starts; with `path` rows are streamed, and the disk has to have room.
+        grid that needs more is refused before it starts, other runs, and those of many events, once they come to it;
+        with `path` rows are streamed, and the disk has to have room.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
     compute : bool
@@ -247,7 +248,7 @@ def _simulated(
     if resume and place is not None and _is_whole(march, place):
         archive.clear_rest(place)
         return states_at(archive.open_run(place, check=False), wanted, model)
-    return states_at(marched_record(march, place, resume=resume), wanted, model)
+    return states_at(marched_record(march, place, resume=resume, memory=memory), wanted, model)
 
 
 def _is_whole(march: March, path: Place) -> bool:
