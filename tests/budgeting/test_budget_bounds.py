@@ -60,11 +60,11 @@ def located(rng: np.random.Generator) -> Number:
 
 
 def thrown(rng: np.random.Generator) -> Number:
-    """Apex or landing of a ball with quadratic drag, thrown up at a random speed."""
+    """Apex or landing of a ball with quadratic drag, thrown up at a random speed: to rounding, in light air as well."""
     g, v0, vt = 9.80665, float(rng.uniform(5.0, 40.0)), float(rng.uniform(10.0, 60.0))
     model = BALL.replace(parameters={"vt": vt}, initial={"v_y": v0})
-    apex, height = vt / g * math.atan(v0 / vt), vt**2 / (2 * g) * math.log(1 + (v0 / vt) ** 2)
-    landing = apex + vt / g * math.acosh(math.exp(g * height / vt**2))
+    apex, height = vt / g * math.atan(v0 / vt), vt**2 / (2 * g) * math.log1p((v0 / vt) ** 2)
+    landing = apex + vt / g * math.asinh(v0 / vt)
     quantity, event, true = [("t", "apex", apex), ("y", "apex", height), ("t", "ground", landing)][rng.integers(3)]
     return Number("thrown", model, {"until": 12.0}, quantity, {"event": event}, true)
 
