@@ -103,6 +103,16 @@ def test_momentum_stays_where_no_force_acts() -> None:
     assert pushed.drift_momentum_x.attrs["units"] == "kg m s-1"
 
 
+def test_a_momentum_is_that_of_a_mass_on_a_measured_spring() -> None:
+    """Assert band and drift of m v where a table of x acts, which the momentum does not read."""
+    cart = xd.Model.from_toml(MODELS / "cart_spring.toml")
+    run = xd.simulate(cart, until="0.3 s")
+    found, speed, m = xd.diagnose(run, companion=False), run.v_x.values, float(run.m)
+    assert float(found.band_momentum_x) == pytest.approx(m * float(np.ptp(speed)), rel=1e-14)
+    assert float(found.drift_momentum_x) == pytest.approx(m * float(speed[-1] - speed[0]), rel=1e-14)
+    assert float(found.band_momentum_x) > 0.1
+
+
 def test_observables_are_watched() -> None:
     """Assert band and drift of a declared invariant, the angular momentum of an orbit."""
     model = xd.Model.from_toml(MODELS / "kepler.toml")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,15 @@ def test_states_at_times_are_those_of_single_runs(monkeypatch: pytest.MonkeyPatc
         expected = xd.sample(run, times)
         for name in ("theta", "v_theta"):
             assert np.array_equal(found[name].values[k], expected[name].values)
+
+
+def test_members_are_checked_and_marched_again(tmp_path: Path) -> None:
+    """Assert that members of bodies with contacts of single links pass the check, and are runs with the bits of the ends."""
+    box = xd.Model.from_toml(MODELS / "balls_in_box.toml")
+    axis = {"m[a]": ["0.9 kg", "1 kg"]}
+    for keep, path in ((["end"], None), (["end"], tmp_path / "ends"), (["end", "log"], tmp_path / "logs")):
+        found = xd.sweep(box, axis, keep=keep, until="0.5 s", check=1.0, path=path).load()
+        run = xd.member(found, **{"m[a]": "0.9 kg"})
+        assert run.r.dims == ("step", "disc", "axis")
+        assert np.array_equal(found.end_r.values[0], run.r.values[-1])
+        assert str(found.run_digest.values[0]) != str(found.run_digest.values[1])

@@ -10,7 +10,7 @@ import numpy as np
 
 from xdynamics import archive, record
 from xdynamics.archive.place import Place, placed
-from xdynamics.evidence.runs import march, read_whole
+from xdynamics.evidence.runs import march
 from xdynamics.faults import ArchiveError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import March
@@ -63,7 +63,7 @@ def member(
     True
     """
     grid = plan_of(sweep, functions).grid
-    folder, sweep = folder_of(sweep), read_whole(sweep, grid.model)
+    folder, sweep = folder_of(sweep), record.whole_of(sweep)
     at = places_of(grid, labels)
     place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
     states = [block.name for block in layout_of(grid.model).used.blocks]
@@ -74,7 +74,7 @@ def member(
     is_archived = FILE in catalogued
     recorded = is_archived and grid.recording
     model = grid.model_of(at)
-    run = read_whole(_recorded(grid, at), model) if recorded else march(model, **grid.asked_of(at))
+    run = record.whole_of(_recorded(grid, at) if recorded else march(model, **grid.asked_of(at)))
     digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, states)
     results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
         entry: run[entry.removeprefix("end_")].values[-1] for entry in ends if entry.removeprefix("end_") in run
@@ -88,7 +88,7 @@ def member(
         raise ArchiveError(
             f"member {grid.name_of(at)}, marched again, comes to something else: {'; '.join(differences)}"
         )
-    return record.whole_of(run)
+    return run
 
 
 def _same(value: Any, other: Any) -> bool:

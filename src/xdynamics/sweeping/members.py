@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.evidence.runs import read_whole
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs
 from xdynamics.march.log import Room
@@ -307,7 +306,7 @@ def _check(grid: SweepGrid, at: Values, kept: Mapping[str, Any]) -> None:
     march = march_of(grid.unrecorded, at)
     if march is None:
         return
-    run = read_whole(record.dataset(march, march.blocks()), march.model)
+    run = record.dataset(march, march.blocks())
     alone = {
         DIGEST: digest_of_end(run, [block.name for block in march.layout.used.blocks]),
         OUTCOME: run.attrs[OUTCOME],
