@@ -74,7 +74,7 @@ def label_time(axes: Axes, time: xr.DataArray, what: str = "time") -> None:
         return
     axes.xaxis.set_major_locator(_locator_of(size))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
-    axes.set_xlabel(f"{what} ({name} of {size:,.0f} s)".replace(",", "\u2009"))
+    axes.set_xlabel(f"{what} ({name} of {size:,.0f} {SECONDS.text})".replace(",", "\u2009"))
 
 
 def _locator_of(size: float) -> Any:

@@ -26,7 +26,7 @@ from xdynamics.march.tolerances import LEAST_RTOL
 from xdynamics.march.unlocated_switches import may_slide
 from xdynamics.march.watched_ensemble import march_watched
 from xdynamics.model import Model
-from xdynamics.units import TIME, Scales, spell
+from xdynamics.units import TIME, Scales, spell, unit_suffix
 
 Floats = NDArray[np.float64]
 
@@ -295,7 +295,8 @@ def _march(
         now = run.now[0]
         before, reached = reached, (first, float(now.t), int(now.rows), int(now.trials), int(now.events))
         if reached == before:  # else it would be emptied for ever
-            raise RuntimeError(f"at t = {reached[1]!r} s: the empty log has no room for a step of run {first} of {n}")
+            moment = f"at t = {reached[1]!r}{unit_suffix(member[0].time_unit)}"
+            raise RuntimeError(f"{moment}: the empty log has no room for a step of run {first} of {n}")
 
 
 def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:
