@@ -17,6 +17,9 @@ from xdynamics.evidence.observables import (
     rate_tree,
     tree_of,
 )
+from xdynamics.expressions import free_names
+from xdynamics.faults import DOT
+from xdynamics.model.motion import motion
 from xdynamics.schema import BACKWARD, FORWARD, STICKING
 
 SPRING: dict[str, Any] = {
@@ -62,6 +65,29 @@ def test_rates_are_those_along_the_motion() -> None:
         assert rate_tree(model, name) is None
     for other in (xd.Model(**FLOOR), xd.Model(**SPRING | {"forces": {"spring": {"x": "-k*x"}, "push": {"x": push}}})):
         assert {name: rate_tree(other, name) is None for name in wanted} == {name: name != "x" for name in wanted}
+
+
+def test_rates_of_many_elements_look_through_the_motion_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what an element's rate costs does not grow with the number of elements."""
+    looked = []
+
+    def counted(model: xd.Model) -> Any:
+        looked.append(model)
+        return motion(model)
+
+    monkeypatch.setattr("xdynamics.evidence.observables.motion", counted)
+    model = xd.Model(
+        name="many",
+        dimensions={"site": 30},
+        coordinates={"u": {"unit": "m", "dims": ["site"]}},
+        mass={"u": "1*kilogram"},
+        forces={"spring": {"u": "-1*newton*u/(1*metre)"}},
+        observables={"square": "u**2"},
+        initial={"u": "1*metre*index(site)", "v_u": "0 m s-1"},
+    )
+    rates = [rate_tree(model, f"square{DOT}{i}") for i in range(30)]
+    assert len(looked) == 1
+    assert all(rate is not None and f"v_u{DOT}{i}" in free_names(rate) for i, rate in enumerate(rates))
 
 
 def test_what_contacts_change_is_not_compared() -> None:

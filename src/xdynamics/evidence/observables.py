@@ -259,11 +259,17 @@ def rate_tree(model: Model, name: str) -> Node | None:
         return None
     if name in model.units:
         return model.rates[name]
-    forces = {term.name: term.value for term in motion(model) if not isinstance(term.value, Function)}
-    tree = layout_of(model).derived.get(name, forces.get(name))
-    if tree is None or free_names(tree) & {term.name for term in motion(model)}:
+    terms = _terms(model)
+    tree = layout_of(model).derived.get(name, terms.get(name))
+    if tree is None or isinstance(tree, Function) or not free_names(tree).isdisjoint(terms):
         return None
     return model.rate_of(tree)
+
+
+@lru_cache(maxsize=16)
+def _terms(model: Model) -> Mapping[str, Node | Function]:
+    """Return what the motion assigns, by names: of many elements it is looked up in, not put together for each."""
+    return {term.name: term.value for term in motion(model)}
 
 
 def evaluated_on(
