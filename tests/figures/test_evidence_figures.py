@@ -92,6 +92,28 @@ def test_modes_of_one_quantity_name_it_once() -> None:
     assert axes.get_xlabel() == "tilt"
 
 
+def test_modes_of_a_lattice_are_maps() -> None:
+    """Assert the shape over both dimensions, the first across, in colours that part at zero."""
+    square = xd.Model(
+        name="membrane",
+        dimensions={"row": 7, "column": 8},
+        coordinates={"w": {"unit": "m", "dims": ["row", "column"]}},
+        mass={"w": "1*kilogram"},
+        forces={
+            f"along_{dim}": {"w": f"1*newton/metre*(shift(w, {dim}, 1, 0*metre) - 2*w + shift(w, {dim}, -1, 0*metre))"}
+            for dim in ("row", "column")
+        },
+        initial={"w": "0*metre*index(row)*index(column)"},
+    )
+    found = xd.modes(square)
+    axes = xd.plot(found).axes[1]
+    mesh = axes.collections[0]
+    assert (np.asarray(mesh.get_array()) == found["shape_w"].values[1].T).all()
+    assert mesh.get_clim() == (-1.0, 1.0)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("row, counted from 0", "column, counted from 0")
+    assert axes.child_axes[0].get_ylabel() == "w (m)"
+
+
 @pytest.mark.dear
 def test_the_distance_of_two_runs_is_on_a_logarithmic_scale() -> None:
     """Assert a straight line of slope 1 for runs that part as exp(t)."""

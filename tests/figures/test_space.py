@@ -89,8 +89,11 @@ def test_a_field_over_two_dimensions_is_maps_at_three_times() -> None:
     for axes, row, moment in zip(maps, (0, 1, 2), ("0 s", "0.1 s", "0.2 s"), strict=True):
         assert (np.asarray(axes.collections[0].get_array()) == run["T"].values[row].T).all()
         assert axes.collections[0].get_clim() == (run["T"].min(), run["T"].max())
-        assert axes.get_title() == f"t = {moment}"
-    assert first.get_title(loc="left").strip() == "T over across and up, at recorded states"
+        assert axes.get_title().strip() == f"t = {moment}"
+    figure.canvas.draw()
+    lefts = [axes.get_position().x0 for axes in maps]
+    assert lefts[1] - lefts[0] == pytest.approx(lefts[2] - lefts[1], rel=0.05)
+    assert [text.get_text() for text in first.texts] == ["T over across and up, at recorded states"]
     assert (middle.get_xlabel(), first.get_ylabel()) == ("across, counted from 0", "up, counted from 0")
     assert last.child_axes[0].get_ylabel() == "T (K)"
     by_kind = xd.plot(run, only="state")

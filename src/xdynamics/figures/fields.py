@@ -33,11 +33,16 @@ def whole_fields(run: xr.Dataset) -> Iterator[tuple[str, tuple[str, str], list[s
     """Yield each coordinate, velocity and state over two dimensions of many elements, with these and their names."""
     shapes = shapes_of(run)
     for name, dims in shapes.dims.items():
-        if len(dims) != 2 or min(shapes.shape(dims)) < FEWEST_ELEMENTS:
+        if not is_field(shapes, dims):
             continue
         names = shapes.elements(name)
         if all(each in run and run.variables[each].attrs.get("role") in DRAWN for each in names):
             yield name, (dims[0], dims[1]), names
+
+
+def is_field(shapes: Shapes, dims: tuple[str, ...]) -> bool:
+    """Whether dimensions are two of many elements, over which a map is drawn."""
+    return len(dims) == 2 and min(shapes.shape(dims)) >= FEWEST_ELEMENTS
 
 
 def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], shapes: Shapes, axes: Axes) -> None:
@@ -59,15 +64,23 @@ def field(run: xr.Dataset, name: str, names: list[str], dims: tuple[str, str], s
     for k, (part, row) in enumerate(zip(parts, rows.tolist(), strict=True)):
         mesh = part.pcolormesh(*edges, maps[k].T, rasterized=True, **scale)
         part.set_aspect("equal", adjustable="box")
-        part.set_title(at_time(run["time"], float(time[row]), 4), fontsize=8)
-        part.tick_params(labelsize=7)
+        part.set_anchor("N")  # below the title
+        # below two blank lines, which are room for what all have as their title
+        part.set_title(f" \n \n{at_time(run['time'], float(time[row]), 4)}", fontsize=8)
+        part.tick_params(labelsize=7, labelleft=k == 0)
         name_axis(part.xaxis, shapes.extent(dims[0]), dims[0], is_named=k == len(rows) // 2)
         name_axis(part.yaxis, shapes.extent(dims[1]), dims[1], is_named=k == 0)
     colour_bar(mesh, in_unit(words(name), str(run.variables[names[0]].attrs["units"])), parts[-1])
-    # above the line that says when
-    parts[0].set_title(
-        words(f"{name} over {dims[0]} and {dims[1]}, at recorded states") + "\n", loc="left", fontsize=10
-    )
+    # no title of the first map: one wider than a map would part it from the others
+    parts[0].annotate(
+        words(f"{name} over {dims[0]} and {dims[1]}, at recorded states"),
+        (0.0, 1.0),
+        (0.0, 22.0),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontsize=10,
+        annotation_clip=False,
+    ).set_in_layout(False)
 
 
 def name_axis(axis: Any, extent: Extent, dim: str, *, is_named: bool) -> None:

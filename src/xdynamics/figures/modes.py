@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
+from xdynamics.figures.element_maps import colour_bar
+from xdynamics.figures.fields import is_field, name_axis
 from xdynamics.figures.marks import COLOURS, typeset, words
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.shapes import parted
+from xdynamics.record.unfolding import shapes_of
+from xdynamics.shapes import Shapes, parted
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -38,19 +43,50 @@ def panels_of(modes: xr.Dataset) -> list[Panel]:
 
 def foot_of(modes: xr.Dataset) -> str:
     """Describe where the modes are of."""
-    return f"{modes.attrs.get('summary', '')}; the largest displacement of each mode is 1, in SI units"
+    about = str(modes.attrs.get("summary", "")).replace("Linearisation", "linearised", 1)
+    return f"{about}; the largest displacement of each mode is 1, in SI units"
 
 
 def _shape(modes: xr.Dataset, number: int, axes: Axes) -> None:
-    """Draw the displacement of every coordinate in a mode."""
-    from matplotlib.ticker import MaxNLocator
-
+    """Draw the displacement of every coordinate in a mode; of a lattice, as a map."""
     shapes = {str(name): variable for name, variable in modes.items() if variable.attrs.get("role") == "mode_shape"}
     values = np.array([float(variable[number]) for variable in shapes.values()])
+    said = [
+        f"{float(modes[name][number]):.4g}{unit_suffix(typeset(str(modes[name].attrs['units'])))}"
+        for name in ("frequency", "period")
+        if name in modes
+    ]
+    axes.set_title(words(f"mode {number + 1}: {', period '.join(said)}"), loc="left", fontsize=10)
+    units = ", ".join(map(typeset, dict.fromkeys(str(variable.attrs["units"]) for variable in shapes.values())))
+    shape = shapes_of(modes)
+    first, *others = dict.fromkeys(parted(name)[0] for name in shapes)
+    if not others and is_field(shape, dims := shape.dims.get(first, ())):
+        _map(values.reshape(shape.shape(dims)), dims, shape, f"{first.removeprefix(SHAPE)} ({units})", axes)
+    else:
+        _lines(values, [*shapes], f"displacement ({units})", axes)
+
+
+def _map(values: NDArray[np.float64], dims: Sequence[str], shapes: Shapes, label: str, axes: Axes) -> None:
+    """Draw the displacements of a lattice, in colours that part at zero and are the same for all modes."""
+    edges = [np.arange(size + 1) - 0.5 for size in values.shape]
+    mesh = axes.pcolormesh(*edges, values.T, rasterized=True, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    axes.set_aspect("equal", adjustable="box")
+    axes.grid(visible=False)
+    for axis, dim in zip((axes.xaxis, axes.yaxis), dims, strict=True):
+        name_axis(axis, shapes.extent(dim), dim, is_named=True)
+    colour_bar(mesh, words(label), axes)
+
+
+def _lines(values: NDArray[np.float64], shapes: Sequence[str], label: str, axes: Axes) -> None:
+    """Draw displacements side by side."""
+    from matplotlib.ticker import MaxNLocator
+
     places = np.arange(values.size)
     axes.axhline(0.0, color="#888888", linewidth=0.8)
     axes.vlines(places, 0.0, values, color=COLOURS[0], linewidth=1.0, alpha=0.5)
-    axes.plot(places, values, "o-", color=COLOURS[0], markersize=4, linewidth=1.0)
+    # components of a body are no neighbours, which a line would join
+    style = "o" if any(len(parted(name)[1]) > 1 for name in shapes) else "o-"
+    axes.plot(places, values, style, color=COLOURS[0], markersize=4, linewidth=1.0)
     names = [words(name.removeprefix(SHAPE)) for name in shapes]
     wholes, elements = zip(*(parted(name.removeprefix(SHAPE)) for name in shapes), strict=True)
     if values.size <= MOST_NAMED:
@@ -64,14 +100,7 @@ def _shape(modes: xr.Dataset, number: int, axes: Axes) -> None:
     else:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel(f"{names[0]} to {names[-1]}")
-    units = dict.fromkeys(str(variable.attrs["units"]) for variable in shapes.values())
-    axes.set(ylim=(-1.15, 1.15), ylabel=words(f"displacement ({', '.join(map(typeset, units))})"))
-    said = [
-        f"{float(modes[name][number]):.4g}{unit_suffix(typeset(str(modes[name].attrs['units'])))}"
-        for name in ("frequency", "period")
-        if name in modes
-    ]
-    axes.set_title(words(f"mode {number + 1}: {', period '.join(said)}"), loc="left", fontsize=10)
+    axes.set(ylim=(-1.15, 1.15), ylabel=words(label))
 
 
 PAGE = Page(("modes",), panels_of, foot_of, most_panels=6)
