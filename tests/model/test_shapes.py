@@ -518,3 +518,30 @@ def test_a_force_between_two_dimensions_has_its_opposite(acts: dict[str, str], s
             continue
         with pytest.raises(xd.ModelError, match=said):
             make()
+
+
+@pytest.mark.parametrize("labels", [["p", "q", "s"], 3])
+def test_an_element_is_replaced_and_swept_by_its_number(labels: list[str] | int) -> None:
+    """Assert that numbers, from the front or the end, are those of the elements, and that others are told with all."""
+    sections: dict[str, object] = {
+        "name": "three",
+        "dimensions": {"b": labels},
+        "coordinates": {"y": {"unit": "m", "dims": ["b"]}},
+        "parameters": {"m": {"dims": ["b"], "value": [1.0, 2.0, 4.0], "unit": "kg"}},
+        "mass": {"y": "m"},
+        "forces": {"push": {"y": "1*newton"}},
+        "initial": {"y": "0 m"},
+    }
+    model = xd.Model(**sections)
+    changed = model.replace(parameters={"m[-1]": 5.0, "m[0]": "3 kg"}, initial={"v_y[-2]": "7 m s-1"})
+    assert [part.quantity.si for part in changed.parameters.values()] == [3.0, 2.0, 5.0]
+    assert [changed.initial[name].si for name in changed.shapes.elements("v_y")] == [0.0, 7.0, 0.0]
+    swept = xd.sweep(model, axes={"m[-1]": [4.0, 8.0]}, method="rk4", step="1 s", until="2 s", keep=["end"])
+    np.testing.assert_allclose(swept.end_y, [[2.0, 1.0, 0.5], [2.0, 1.0, 0.25]], rtol=1e-15)
+    for name in ("m[3]", "m[-4]"):
+        with pytest.raises(
+            xd.ModelError, match=r"dimension 'b' has no element (3|-4); it has the (labels p, q, s|elements 0 to 2)"
+        ):
+            model.replace(parameters={name: 1.0})
+    with pytest.raises(xd.ModelError, match=r"no entry 'm\[z\]'; there are: m\[\w\], m\[\w\], m\[\w\]$"):
+        model.replace(parameters={"m[z]": 1.0})

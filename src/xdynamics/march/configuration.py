@@ -123,7 +123,7 @@ def _log(model: Model, asked: Any) -> str | tuple[str, ...]:
     names: dict[str, None] = {}
     for name in log:
         try:
-            names[model.shapes.from_the_front(name)] = None
+            names[model.shapes.by_label(name)] = None
         except InputError as error:
             raise InputError(f"log names '{name}': {error}") from None
     return (*names,)
@@ -223,7 +223,7 @@ def _element_inside(model: Model, name: str) -> str:
         If a dimension has no such element.
     """
     try:
-        return written(model.shapes.from_the_front(name))
+        return written(model.shapes.by_label(name))
     except InputError as error:
         raise InputError(f"atol names '{name}': {error}") from None
 

@@ -244,6 +244,7 @@ class Model(ModelTrees):
         """
         model = object.__new__(Model)
         model.file = self.file
+        sections = self._by_label(sections)
         if (
             self._declared is not None
             and of_elements(sections)
@@ -258,6 +259,20 @@ class Model(ModelTrees):
         if "forces" in sections:
             check_end_forces(model.shaped, model.shapes)
         return model
+
+    def _by_label(self, sections: dict[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+        """Return sections with elements of quantities that are given by number named by their labels."""
+        if self._declared is None:
+            return sections
+        own = {title: entries for title, entries in sections.items() if title in ("parameters", "initial")}
+        try:
+            return sections | {
+                title: {self.shapes.by_label(str(name)): entry for name, entry in entries.items()}
+                for title, entries in own.items()
+                if isinstance(entries, Mapping)
+            }
+        except InputError as error:
+            raise ModelError(f"model '{self.shaped.name}': {error}") from None
 
     def with_statement(self, statement: Statement) -> Model:
         """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.expressions import parse
-from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.faults import DOT, InputError, Ledger, ModelError, few, spoken, written
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.grammar import SECTIONS
@@ -93,7 +93,10 @@ def _entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values] | 
         raise ModelError(f"{title} has no entries to replace")
     for key in entries:
         if key not in old:
-            raise ModelError(f"{title} has no entry '{key}'; there are: {', '.join(old) or 'none'}")
+            whole, dot, _ = written(str(key)).partition(DOT)
+            elements = [spoken(entry) for entry in old if dot and entry.startswith(whole + DOT)]
+            known = elements or dict.fromkeys(entry.partition(DOT)[0] for entry in old)
+            raise ModelError(f"{title} has no entry '{spoken(str(key))}'; there are: {few([*known]) or 'none'}")
     return {
         key: _whole(key, old[key], shaped[key], value) if shaped and key in shaped else _value(key, old[key], value)
         for key, value in entries.items()

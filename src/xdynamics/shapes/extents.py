@@ -16,7 +16,7 @@ from xdynamics.faults import InputError, few, written
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
 
-_FROM_THE_END = re.compile("-[1-9][0-9]{0,8}")
+_NUMBER = re.compile(r"-?[0-9]{1,12}")
 _COMPARED = 1000  # labels among which a like one is looked for
 
 
@@ -202,8 +202,10 @@ class Shapes:
         of_ends = (self.dims.get(end, ()) for end in ends)
         return next((dims for dims in of_ends if len(dims) == count), ())
 
-    def from_the_front(self, name: str) -> str:
-        """Return the name of an element, of which numbers that count from the end, as in ``u[-1]``, are those from the front.
+    def by_label(self, name: str) -> str:
+        """Return the name of an element with labels in place of numbers, which may count from the end, as in ``u[-1]``.
+
+        What names no element of a quantity with dimensions stays as it is.
 
         Raises
         ------
@@ -213,20 +215,20 @@ class Shapes:
         Examples
         --------
         >>> shapes = Shapes({"site": Extent("site", 9)}, {}, {"u": ("site",)})
-        >>> shapes.from_the_front("u[-1]"), shapes.from_the_front("u[3]")
+        >>> shapes.by_label("u[-1]"), shapes.by_label("u[3]")
         ('u·8', 'u[3]')
         """
         quantity, _, rest = name.partition("[")
         labels = [label.strip() for label in rest.removesuffix("]").split(",")]
         dims = self.dims_at_end(quantity, len(labels)) if rest.endswith("]") else ()
-        if not dims or not any(map(_FROM_THE_END.fullmatch, labels)):
+        entries = [*zip(map(self.extent, dims), labels, strict=True)] if dims else []
+        if not any(_is_number(extent, label) for extent, label in entries):
             return name
-        extents = [self.extent(dim) for dim in dims]
         return element(
             quantity,
             (
-                extent.label(extent.number(int(label))) if _FROM_THE_END.fullmatch(label) else label
-                for extent, label in zip(extents, labels, strict=True)
+                extent.label(extent.number(int(label))) if _is_number(extent, label) else label
+                for extent, label in entries
             ),
         )
 
@@ -282,6 +284,11 @@ def place_of_element(name: str, extents: tuple[Extent, ...]) -> tuple[int, ...] 
         return None
     numbers = tuple(extent.find(label) for extent, label in zip(extents, labels, strict=True))
     return None if None in numbers else numbers  # type: ignore[return-value]
+
+
+def _is_number(extent: Extent, label: str) -> bool:
+    """Whether an entry is a number that is not the name of an element by itself."""
+    return extent.find(label) is None and _NUMBER.fullmatch(label) is not None
 
 
 def number_of_element(name: str, extents: tuple[Extent, ...]) -> int | None:

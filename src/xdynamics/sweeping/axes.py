@@ -261,6 +261,7 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     InputError
         If the name cannot vary, or a value cannot be used.
     """
+    name = model.shapes.by_label(name)
     if name in model.parameters:
         return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, _said(name))
     if (whole := _whole(model, name, values)) is not None:
