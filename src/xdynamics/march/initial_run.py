@@ -29,10 +29,12 @@ from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past_arrays import delay_times, jumps_at, past_arrays
 from xdynamics.march.run import (
     HOLD,
+    HOLD_LINKS,
     KEPT,
     NOW,
     PLAN,
     STEP_IN_TIME,
+    STEP_LINKS,
     TRIAL,
     Run,
 )
@@ -217,6 +219,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
         "pressed": layout.state.size - layout.reactions.size,
         "assemblies": len(model.assemblies),
+        "links": HOLD_LINKS if scheme.method.stepper.locates else STEP_LINKS,
         "together": together(model),
         **_left_polynomial(law),
         **_rests_of_grid(model, layout, single),

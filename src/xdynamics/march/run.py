@@ -34,7 +34,7 @@ PLAN = row_of(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest",
     "adaptive differences estimates steps extrapolated limited stages samples"
-    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together"
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies links together"
     " degree curve polynomial series doubled held moved consistent passing",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
@@ -115,7 +115,9 @@ ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of o
 BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING = range(4)  # what `events.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
 # what `assembly.dispatch` is to do
-BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, NOTE_LINKS, RELEASE_LINKS, FIND_CLOSED, GO_ON = range(8)
+BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, NOTE_LINKS, RELEASE_LINKS, FIND_CLOSED, GO_ON, STEP_LINKS = (
+    range(9)
+)
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take

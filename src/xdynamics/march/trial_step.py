@@ -16,7 +16,7 @@ from xdynamics.march.calls import called, entered_by, run_at, stepped_by
 from xdynamics.march.exact_times import set_step, set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.log import note_trial
-from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, HOLD_LINKS, SUBSTEP, Run
+from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, STEP_LINKS, SUBSTEP, Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
@@ -37,7 +37,7 @@ def propose(run: Run, t1: float, h: float) -> None:
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
         entered_by(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
     if run.plan[0].assemblies > 0 and run.at[UNSOUND] == 0.0:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, t1, HOLD_LINKS)
+        entered_by(run.functions[ASSEMBLY_PHASE], run, t1, run.plan[0].links)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
 
 
@@ -136,8 +136,10 @@ def keep(run: Run) -> None:
 
 @shared
 def take(run: Run) -> None:
-    """Restore the stored trial, so that it need not be made again."""
+    """Restore the stored trial, so that it need not be made again, but for impulses of links over the step."""
     copy_trial(run.located, run.trial)
+    if run.plan[0].assemblies > 0 and run.plan[0].links == STEP_LINKS:
+        propose_apart(run, run.trial[0].t, run.trial[0].h)
     copy(run.located_z, run.z)
     copy(run.located_e, run.e)
     copy(run.located_g, run.g1)

@@ -142,11 +142,6 @@ def _problem(unknowns: int) -> dict[str, NDArray[Any]]:
 
 def _check(law: Law, settings: Settings) -> None:
     """Refuse what contacts of many links do not go with."""
-    if not law.scheme.method.stepper.locates:
-        raise InputError(
-            f"method '{law.scheme.method.name}' does not locate impacts, as contacts of more links than are written out"
-            " need; choose another method"
-        )
     if settings.apart:
         raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
     if any(detector.drive or detector.at_zero for detector in law.layout.switches):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.links import member, pattern_at, touch_link
-from xdynamics.march.run import Lists, Run
+from xdynamics.march.run import STEP_LINKS, Lists, Run
 
 State = NDArray[Any]
 # rows of `vectors`: the factor by which a link is scaled, what its rate, or acceleration, is to change by, and the
@@ -70,7 +70,7 @@ def closed_index(run: Run, c: int, link: int) -> int:
 @shared
 def recall_closed(run: Run, closed: Lists, first: int, count: int) -> bool:
     """List the links that the record says are closed, and what they do along their slips; whether it says so."""
-    if run.plan[0].assemblies == 0 or count < 0:
+    if run.plan[0].assemblies == 0 or count < 0 or run.plan[0].links == STEP_LINKS:
         return False
     run.closed[0] = count
     for a in range(count):

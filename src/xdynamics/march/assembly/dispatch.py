@@ -22,6 +22,7 @@ from xdynamics.march.assembly.broad_phase import (
     DEPTH,
     ENERGY,
     FASTEST,
+    FAULT,
     FIGURE,
     HASTE,
     HASTY,
@@ -58,6 +59,7 @@ from xdynamics.march.assembly.narrow_phase import (
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.assembly.releases import find_release
+from xdynamics.march.assembly.time_stepping import note_pressed, step_links
 from xdynamics.march.assembly.touching import list_touching
 from xdynamics.march.calls import called, run_at
 from xdynamics.march.control import grow
@@ -75,6 +77,7 @@ from xdynamics.march.run import (
     HOLD_LINKS,
     LAND_ON_MEETING,
     NOTE_LINKS,
+    STEP_LINKS,
     Run,
 )
 from xdynamics.march.run import BEGUN as STARTED
@@ -103,7 +106,8 @@ def meet(address: Any, number: float, command: int) -> None:
         on after the impacts. `HOLD_LINKS`: put the trial's state, at a time, back on closed links. `NOTE_LINKS`: write
         what is closed in it to the log. `RELEASE_LINKS`: let go of closed links that an event has set in motion.
         `FIND_CLOSED`: find out which are closed in the state in `y`, from which a recorded step goes, where its record does
-        not say so. `GO_ON`: else go on from the state in `y` with those that are listed.
+        not say so. `GO_ON`: else go on from the state in `y` with those that are listed. `STEP_LINKS`: add what links do
+        over a step, for Moreau's method.
     """
     run = run_at(address)
     if command == BEGIN_LINKS:
@@ -114,6 +118,10 @@ def meet(address: Any, number: float, command: int) -> None:
         land(run)
     elif command == HOLD_LINKS:
         hold(run, number)
+    elif command == STEP_LINKS:
+        step_links(run, number)
+    elif command == NOTE_LINKS and run.plan[0].links == STEP_LINKS:
+        note_pressed(run, number)
     elif command == NOTE_LINKS:
         note_links(run, number)
     elif command == FIND_CLOSED:
@@ -135,7 +143,10 @@ def begin(run: Run) -> None:
         if overlaps(run, k):
             run.now[0].status = CONTACT_PENETRATED
             return
-    close_touching(run)
+    if run.plan[0].links == STEP_LINKS:
+        run.tallies[TOGETHER] = 0  # nothing pressed before the first step
+    else:
+        close_touching(run)
     run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
 
 
@@ -146,7 +157,7 @@ def find_closed(run: Run) -> None:
     What rounding leaves of rates is a share of the speeds of the march, of which bodies at rest know nothing: the least is
     what they would gain in the step without forces of links.
     """
-    if list_near(run):
+    if run.plan[0].links != STEP_LINKS and list_near(run):
         accelerations = run.plan[0].used
         for i in range(run.plan[0].coordinates):
             gained = abs(run.z[accelerations + i]) * run.now[0].step
@@ -208,6 +219,9 @@ def span(run: Run, h: float) -> None:
 @shared
 def find(run: Run) -> None:
     """Shorten the trial to where links first meet, or a closed one lifts, if any do."""
+    if run.plan[0].links == STEP_LINKS:
+        judge_impulses(run)
+        return
     if run.tallies[READY] == 0 or run.tallies[BEGUN] == 0:
         set_out(run)
     run.piece[0].substeps, run.tallies[MEETS] = 0, 0
@@ -231,6 +245,15 @@ def find(run: Run) -> None:
         run.tallies[MEETS], run.tallies[LANDING] = FREELY if landing == AT_GRID else CUT, landing
         run.spans[AIM] = target
         run.trial[0].landing = AT_BORDER
+
+
+@shared
+def judge_impulses(run: Run) -> None:
+    """End the march where impulses over the step were not found."""
+    run.tallies[MEETS] = 0
+    if run.tallies[FAULT] != 0:
+        end(run, REASON_CONTACT)
+        run.tallies[MEETS] = AT_A_LOSS
 
 
 @shared

@@ -14,14 +14,20 @@ from xdynamics.march.run import Run
 
 
 @shared
-def sweep(run: Run, first: int, rows: int) -> float:
-    """Solve for one link after the other; return the largest change of a force, over the largest one."""
+def sweep(run: Run, first: int, rows: int, relaxation: float) -> float:
+    """Solve for one link after the other; return the largest change of a force, over the largest one.
+
+    Each changes by `relaxation` times what it is to change by, within its bounds; above 1 motions in which many links share
+    settle sooner.
+    """
     most = 0.0
     add_up(run, first, rows)
     for row in range(first, first + rows, 2):
         if run.vectors[SCALE, row] > 0.0 or run.vectors[SCALE, row + 1] > 0.0:
             old, drag = run.vectors[X, row], run.vectors[X, row + 1]
             solve_alone(run, row, slope(run, row), slope(run, row + 1))
+            if relaxation != 1.0:
+                go_beyond(run, row, old, drag, relaxation)
             change, other = run.vectors[X, row] - old, run.vectors[X, row + 1] - drag
             answer(run, row, change)
             answer(run, row + 1, other)
@@ -83,6 +89,18 @@ def solve_alone(run: Run, row: int, opening: float, slipping: float) -> None:
             if low == high or (against <= 0.0 if k == 0 else against >= 0.0):
                 run.vectors[X, row], run.vectors[X, row + 1] = x, t
                 return
+
+
+@shared
+def go_beyond(run: Run, row: int, old: float, drag: float, relaxation: float) -> None:
+    """Change the force of a link and its friction by more than their solution, within their bounds."""
+    x = max(0.0, old + relaxation * (run.vectors[X, row] - old))
+    t, along = drag + relaxation * (run.vectors[X, row + 1] - drag), run.vectors[SCALE, row + 1]
+    if along > 0.0:
+        load = (x * run.vectors[SCALE, row] + run.vectors[RETURNED, row]) / along
+        middle, far = run.vectors[DRAG, row + 1] * load, run.vectors[GRIP, row + 1] * load
+        t = min(max(middle - far, t), middle + far)
+    run.vectors[X, row], run.vectors[X, row + 1] = x, t
 
 
 @shared

@@ -62,7 +62,7 @@ def list_touching(run: Run, t: float) -> bool:
 @shared
 def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
     """List a candidate if it is closed, or its gap is as good as zero; False where the list cannot be made."""
-    c, link, count = run.candidates[k, ASSEMBLY], run.candidates[k, LINK], run.tallies[TOGETHER]
+    c, link = run.candidates[k, ASSEMBLY], run.candidates[k, LINK]
     assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c + 1])
     touch(run, run.z, t, k)
     gap, steep, size = pattern.links[0].gap, 0.0, abs(pattern.links[0].gap)
@@ -72,28 +72,15 @@ def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
     reach = reach_of(run, k)
     if gap > reach and not is_closed:
         return True
-    if count >= run.touching.shape[0]:
-        blame(run, CROWDED, c, link)
-        return False
     if not gap >= -OVERLAPPING * reach and not (
         is_closed and gap > -inf
     ):  # gaps of closed links are seen to after steps
         blame(run, OVERLAP, c, link)
         run.spans[DEPTH] = gap
         return False
-    if assembly.rubs == 1 and not 0.0 <= pattern.links[1].coefficient <= pattern.links[1].most:
-        blame(run, RUBBED, c, link)
-        run.spans[DEPTH] = pattern.links[1].coefficient
+    place = enlist(run, k, gap, NOISE * steep * run.spans[FASTEST])
+    if place < 0:
         return False
-    if not 0.0 <= pattern.links[0].coefficient <= 1.0:
-        blame(run, BOUNCED, c, link)
-        run.spans[DEPTH] = pattern.links[0].coefficient
-        return False
-    place = count
-    while place > 0 and follows(run, place - 1, c, link):
-        move(run, place - 1, place)
-        place -= 1
-    note_link(run, place, k, gap, NOISE * steep * run.spans[FASTEST])
     run.touching[place, ROUGH], run.touching[place, REACH] = NOISE * size, reach
     held = closed_index(run, c, link)
     run.touching[place, HELD] = 1.0 if held >= 0 else 0.0
@@ -102,8 +89,31 @@ def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
         run.touching[place, GRIPPED] = run.grips[held] if held >= 0 else FRICTIONLESS
         if held >= 0 and run.lifted[held] == BREAKS:
             run.touching[place, BROKEN] = 1.0 if run.pulls[held] > 0.0 else -1.0
-    run.tallies[TOGETHER] = count + 1
     return True
+
+
+@shared
+def enlist(run: Run, k: int, gap: float, slack: float) -> int:
+    """List a candidate, which has just been looked at, in its place; return this, -1 where the list cannot be made."""
+    c, link, place = run.candidates[k, ASSEMBLY], run.candidates[k, LINK], run.tallies[TOGETHER]
+    pattern = pattern_at(run.patterns[2 * c + 1])
+    if place >= run.touching.shape[0]:
+        blame(run, CROWDED, c, link)
+        return -1
+    if run.assemblies[c].rubs == 1 and not 0.0 <= pattern.links[1].coefficient <= pattern.links[1].most:
+        blame(run, RUBBED, c, link)
+        run.spans[DEPTH] = pattern.links[1].coefficient
+        return -1
+    if not 0.0 <= pattern.links[0].coefficient <= 1.0:
+        blame(run, BOUNCED, c, link)
+        run.spans[DEPTH] = pattern.links[0].coefficient
+        return -1
+    while place > 0 and follows(run, place - 1, c, link):
+        move(run, place - 1, place)
+        place -= 1
+    note_link(run, place, k, gap, slack)
+    run.tallies[TOGETHER] += 1
+    return place
 
 
 @shared
