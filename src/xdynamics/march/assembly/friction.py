@@ -53,8 +53,8 @@ MOST_SWEEPS = 1 << 13  # turns over all links, one after the other
 MOST_SETS = 10  # of links that press and that slip, tried in a row
 FEWEST_SETS = 3  # tried even where they do not come nearer to a solution
 SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at once
-# of sweeps for impulses over a step: how far beyond, the change at which they may end, and how many there are
-RELAXATION, SETTLED, MOST_RELAXED = 1.6, 1e-12, 1 << 16
+# of sweeps for impulses over a step: how far beyond, by how much less in each stage, the change at which they may end
+RELAXATION, RELAXED_LESS, SETTLED = 1.6, 0.3, 1e-12
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
 
@@ -115,7 +115,7 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
     """Improve forces of one link after the other; return the residual over the size of the terms."""
     attempt = 8
     for turn in range(1, MOST_SWEEPS + 1):
-        if sweep(run, first, rows, 1.0) <= ENOUGH:
+        if sweep(run, first, rows, 1.0, False) <= ENOUGH:
             break
         if turn == attempt:
             attempt = 2 * turn
@@ -129,16 +129,22 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
 
 @shared
 def relax_all(run: Run, first: int, rows: int) -> float:
-    """Do so by changes beyond what is to change, where these settle, for impulses of steps whose own error is far larger."""
+    """Do so by changes beyond what is to change, for impulses of steps whose own error is far larger.
+
+    Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not.
+    """
     attempt = 8
-    for turn in range(1, MOST_RELAXED + 1):
-        change = sweep(run, first, rows, RELAXATION if turn <= MOST_RELAXED // 2 else 1.0)
+    for turn in range(1, 4 * MOST_SWEEPS + 1):
+        stage = (turn - 1) // MOST_SWEEPS
+        relaxation = RELAXATION - RELAXED_LESS * stage
+        backward = stage % 2 == 1 and turn % 2 == 0
+        change = sweep(run, first, rows, relaxation, backward)
         if change <= SETTLED and (change <= ENOUGH or outside(run, first, rows) <= 8.0 * SETTLED):
             break
         if turn == attempt:
             attempt = 2 * turn
             bound_all(run, first, rows)
-            if settle(run, first, rows):
+            if settle(run, first, rows) or (turn == SWEEPS_BEFORE_PIVOTS and pivots_settle(run, first, rows)):
                 break
     return outside(run, first, rows)
 

@@ -14,7 +14,7 @@ from xdynamics.march.run import Run
 
 
 @shared
-def sweep(run: Run, first: int, rows: int, relaxation: float) -> float:
+def sweep(run: Run, first: int, rows: int, relaxation: float, backward: bool) -> float:
     """Solve for one link after the other; return the largest change of a force, over the largest one.
 
     Each changes by `relaxation` times what it is to change by, within its bounds; above 1 motions in which many links share
@@ -22,7 +22,8 @@ def sweep(run: Run, first: int, rows: int, relaxation: float) -> float:
     """
     most = 0.0
     add_up(run, first, rows)
-    for row in range(first, first + rows, 2):
+    for place in range(0, rows, 2):
+        row = first + (rows - 2 - place if backward else place)
         if run.vectors[SCALE, row] > 0.0 or run.vectors[SCALE, row + 1] > 0.0:
             old, drag = run.vectors[X, row], run.vectors[X, row + 1]
             solve_alone(run, row, slope(run, row), slope(run, row + 1))
