@@ -234,12 +234,6 @@ def test_bodies_that_overlap_at_the_start_are_named() -> None:
     assert "contact 'discs' of disc 0 and 7 is -0." in run.attrs["run_outcome_text"]
 
 
-def test_a_method_without_impacts_is_refused() -> None:
-    """Assert that time-stepping, which locates none, is refused in one line."""
-    with pytest.raises(xd.InputError, match="does not locate impacts"):
-        xd.simulate(discs(36, 1), method="moreau_jean", step="4 ms", until="10 ms")
-
-
 def test_a_gap_that_differs_from_link_to_link_is_refused() -> None:
     """Assert that a gap with the number of its element in it is refused, with what to write instead."""
     model = discs(36, 1)

@@ -8,6 +8,7 @@ from xdynamics.expressions import dimension_of
 from xdynamics.march.assembly import broad_phase
 from xdynamics.march.assembly.broad_phase import CULPRIT, CULPRIT_LINK, FAULT
 from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.run import STEP_LINKS
 from xdynamics.model.assemblies import assemblies
 from xdynamics.units import Dimension
 
@@ -51,6 +52,12 @@ def assembly_dispute(march: March) -> str:
         case broad_phase.UNSOLVED:
             rate = gap / model.time_unit.dimension
             left = run.spans[broad_phase.RESIDUAL] * march.settings.scales.of(rate)
+            if run.plan[0].links == STEP_LINKS:
+                return (
+                    f"the impulses of {run.tallies[broad_phase.TOGETHER]} links that are closed in one step were not found:"
+                    f" their equations are left with a residual of {left:.3g} {rate}, which is more than 1e-6 of rates; a"
+                    " smaller step, less friction or bodies whose masses differ less are easier to solve for"
+                )
             return (
                 f"the impulses of {run.tallies[broad_phase.TOGETHER]} links that are struck together, {name} the first,"
                 f" were not found: their equations are left with a residual of {left:.3g} {rate}, which is more than"

@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol, TypeVar
 
 from xdynamics.methods.lines import Evaluation, Line, Solve
 from xdynamics.model import Model
-from xdynamics.model.parts import ENERGETIC
+from xdynamics.model.parts import NEWTON as NEWTON_S
 from xdynamics.model.reactions import reactions
 
 EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
@@ -107,12 +107,13 @@ class TimeStepping(Lines):
     def faults(self, model: Model, method: str, *, estimates: bool) -> list[str]:
         """List why a model has no such steps: another law of impacts, or an error that no estimate knows of."""
         faults = []
-        if any(contact.law == ENERGETIC for contact in model.contacts.values()):
+        other = {contact.law for contact in (model.contacts | model.assemblies).values()} - {NEWTON_S}
+        if other:
             faults.append(
-                f"method '{method}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}' is for"
+                f"method '{method}' has Newton's law of restitution over whole steps, and law = '{min(other)}' is for"
                 " impacts that are located; take another method or law = 'newton'"
             )
-        if estimates and reactions(model):
+        if estimates and (reactions(model) or model.assemblies):
             faults.append(
                 f"method '{method}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
             )

@@ -1,8 +1,9 @@
 """Moreau's time-stepping for many links: what they do over a whole step, as impulses at its middle.
 
-A link acts whose gap is closed in the middle of the step. After the step its rate is not less than -e times the rate
-before, and its friction has stopped its slip or is at its bound (Moreau 1999, doi:10.1016/S0045-7825(98)00387-9; Jean 1999,
-doi:10.1016/S0045-7825(98)00383-1). `march.contacts.time_stepping` does the same for contacts that are written out.
+A link acts whose gap is closed in the middle of the step, or as near to it as impulses are solved for. After the step its
+rate is not less than -e times the rate before, and its friction has stopped its slip or is at its bound (Moreau 1999,
+doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.time_stepping` does the
+same for contacts that are written out.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from xdynamics.march.assembly.broad_phase import (
     keep_boxes,
 )
 from xdynamics.march.assembly.closed_links import FRICTIONLESS, SLIDES_BACK, SLIDES_ON, STICKS
-from xdynamics.march.assembly.impact import solve
+from xdynamics.march.assembly.impact import ALLOWED_OVER_STEP, solve
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, NEAR, NOISE, gap_at, pattern_at, touch
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.assembly.touching import (
@@ -87,20 +88,25 @@ def list_pressed(run: Run, h: float) -> bool:
     if not listed:
         blame(run, CROWDED, 0, 0)
     for k in range(run.tallies[COUNT]):
-        if listed and run.candidates[k, NEAR] == 1 and gap_at(run, run.z, middle, k) <= 0.0:
-            listed = press_on(run, middle, k)
+        if listed and run.candidates[k, NEAR] == 1:
+            listed = press_on(run, middle, h, k)
     return bool(listed)
 
 
 @shared
-def press_on(run: Run, middle: float, k: int) -> bool:
-    """List a candidate, which is closed in the middle of the step; whether there is room for it."""
+def press_on(run: Run, middle: float, h: float, k: int) -> bool:
+    """List a candidate if it is closed in the middle of the step, as far as impulses tell; whether there is room for it."""
     touch(run, run.z, middle, k)
     c, steep = run.candidates[k, ASSEMBLY], 0.0
     pattern = pattern_at(run.patterns[2 * c + 1])
+    gap, size = pattern.links[0].gap, abs(pattern.links[0].gap)
     for i in range(run.assemblies[c].coordinates):
         steep += abs(pattern.directions[0, i])
-    return bool(enlist(run, k, pattern.links[0].gap, NOISE * steep * run.spans[FASTEST]) >= 0)
+        size += abs(pattern.directions[0, i] * pattern.z[i])
+    slack = NOISE * steep * run.spans[FASTEST]
+    if gap > NOISE * size + ALLOWED_OVER_STEP * steep * run.spans[FASTEST] * h:
+        return True
+    return bool(enlist(run, k, gap, slack) >= 0)
 
 
 @shared
