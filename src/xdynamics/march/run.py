@@ -114,9 +114,8 @@ ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) +
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
 BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING = range(4)  # what `events.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
-# what `assembly.dispatch` is to do
 BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, STEP_LINKS, NOTE_LINKS, RELEASE_LINKS = range(7)
-FIND_CLOSED, GO_ON = 7, 8
+FIND_CLOSED, GO_ON = 7, 8  # these nine: what `assembly.dispatch` is to do
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
