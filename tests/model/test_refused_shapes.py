@@ -146,6 +146,10 @@ def pulled(csv: str, dims: str = "bead") -> dict[str, Any]:
             r"of 2 elements, and needs 3; in a plane write take\(u, bead, 0\)\*take\(2\*v_u, bead, 1\) - take\(u, bead, 1\)\*",
         ),
         (chain(observables={"o": "sum(u)"}), r"'sum' is written sum\(a, dimension\); number of arguments here: 1$"),
+        (
+            chain(observables={"o": "dot(u, u, site, axis)"}),
+            r"arguments here: 4; over several dimensions write sum\(a\*b, site, axis\)$",
+        ),
     ],
 )
 def test_it_is_refused_shortly_and_at_once(statement: dict[str, Any], said: str) -> None:

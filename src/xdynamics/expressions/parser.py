@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import keyword
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 
 from xdynamics.expressions.corrections import correction, with_unit_names
+from xdynamics.expressions.tokens import Token, Tokens
 from xdynamics.expressions.tree import (
     ALONG,
     DELAYED,
@@ -30,17 +29,10 @@ from xdynamics.faults import InputError
 from xdynamics.units import parse_quantity
 from xdynamics.units.rounded import read
 
-LONGEST_TEXT = 1_000_000
 LONGEST_WORD = 200
 DEEPEST = 40
 LARGEST_EXPONENT = 16
 
-_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,<>=!\[\] ]*")
-_TOKEN = re.compile(
-    r" *(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![A-Za-z0-9_.])"
-    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<quoted>\"[^\"']*\"|'[^\"']*')|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>\[\]]))"
-)
-_QUOTED = re.compile(r"(?<=,)( *)(?:\"[A-Za-z0-9_+\-*/(). ]{1,100}\"|'[A-Za-z0-9_+\-*/(). ]{1,100}')(?= *\))")
 _FORM = f'{DELAYED}(x, "20 ms")'
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2}
 FORMS = {name: f"{name}(a, dimension)" for name in ("sum", "mean", "min", "max", "norm")} | {
@@ -53,10 +45,6 @@ FORMS = {name: f"{name}(a, dimension)" for name in ("sum", "mean", "min", "max",
     "take": "take(a, dimension, number)",
     "index": "index(dimension)",
     "size": "size(dimension)",
-}
-_REMEDIES = {
-    "^": "; a power is written **",
-    "'": "; no sign stands for a derivative: the velocity of x is v_x, and its acceleration follows from the forces",
 }
 _COMPARED = ("<", "<=", ">", ">=", "==", "!=")
 LIST = "list"  # the call that three values in brackets are, for functions of a model alone
@@ -100,7 +88,6 @@ def parse(text: str, own: OwnFunctions | None = None) -> Node:
 
 
 def _read(source: str, own: OwnFunctions | None = None) -> Node:
-    _check_raw(source)
     return _Reader(source, own or {}).whole()
 
 
@@ -112,41 +99,13 @@ def _is_readable(source: str) -> bool:
     return True
 
 
-def _check_raw(source: str) -> None:
-    """Refuse a text that is empty, too long, or has characters outside the language."""
-    if not source:
-        raise InputError("expression is empty")
-    if len(source) > LONGEST_TEXT:
-        raise InputError(f"expression {_shown(source)} has {len(source)} characters, {LONGEST_TEXT} at most")
-    good = _ALLOWED.match(_QUOTED.sub(lambda match: " " * len(match[0]), source))
-    end = good.end() if good else 0
-    if end < len(source):
-        remedy = _REMEDIES.get(source[end], "")
-        raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}{remedy}")
-    if match := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
-        raise InputError(f"expression {_shown(source)} has an underscore in a number at column {match.start() + 1}")
-
-
-def _shown(source: str) -> str:
-    return repr(source if len(source) <= 60 else source[:60] + "…")
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    column: int
-
-
-class _Reader:
+class _Reader(Tokens):
     """Parses by operator precedence (V. R. Pratt, Top down operator precedence, 1973), chains in a loop."""
 
     def __init__(self, source: str, own: OwnFunctions) -> None:
-        self.source = source
+        super().__init__(source)
         self.own = own
         self.level = 0
-        self.position = 0
-        self.next = self._token()
 
     def whole(self) -> Node:
         """Parse the text to its end.
@@ -158,7 +117,7 @@ class _Reader:
         """
         tree = self._expression(self._compared())
         if self.next.text:
-            raise self._unreadable(f"{self.next.text!r} has no operator before it")
+            raise self.unreadable(f"{self.next.text!r} has no operator before it")
         return tree
 
     def _compared(self) -> Node:
@@ -166,17 +125,17 @@ class _Reader:
         column, left = self.next.column, self._joined(1)
         if self.next.text not in _COMPARED:
             return left
-        operator = self._take().text
+        operator = self.take().text
         comparison = Compare(operator, left, self._joined(1), column)
         if self.next.text in _COMPARED:
-            raise self._fault(column, "a comparison has two sides")
+            raise self.fault(column, "a comparison has two sides")
         return comparison
 
     def _joined(self, weakest: int) -> Node:
         """Read operands joined by operators, all at least as strong as `weakest`."""
         column, tree = self.next.column, self._signed()
         while (strength := _STRENGTH.get(self.next.text, 0)) >= weakest:
-            operator = self._take().text
+            operator = self.take().text
             right = self._joined(strength + 1)
             tree = Binary(operator, self._expression(tree), self._expression(right), column)
         return tree
@@ -186,7 +145,7 @@ class _Reader:
         column = self.next.column
         if self.next.text not in ("+", "-"):
             return self._power()
-        sign = self._take().text
+        sign = self.take().text
         self._enter(column)
         operand = self._expression(self._signed())
         self.level -= 1
@@ -196,7 +155,7 @@ class _Reader:
         column, base = self.next.column, self._atom()
         if self.next.text != "**":
             return base
-        self._take()
+        self.take()
         self._enter(column)
         exponent = self._expression(self._signed())
         self.level -= 1
@@ -204,7 +163,7 @@ class _Reader:
         return Binary("**", self._expression(base), exponent, column)
 
     def _atom(self) -> Node:
-        token = self._take()
+        token = self.take()
         if token.kind == "number":
             return Number(self._finite(token), token.column)
         if token.kind == "word":
@@ -212,7 +171,7 @@ class _Reader:
         if token.text == "[" and self.own:
             return self._list(token)
         if token.text != "(":
-            raise self._unreadable(
+            raise self.unreadable(
                 "the expression ends too early" if not token.text else f"{token.text!r} is out of place", token
             )
         self._enter(token.column)
@@ -220,26 +179,26 @@ class _Reader:
         self._close(")")
         return inner
 
-    def _list(self, token: _Token) -> Node:
+    def _list(self, token: Token) -> Node:
         """Read values in brackets."""
         self._enter(token.column)
         values = [self._expression(self._compared())]
         while self.next.text == ",":
-            self._take()
+            self.take()
             values.append(self._expression(self._compared()))
         self._close("]")
         return Call(LIST, tuple(values), token.column)
 
-    def _word(self, token: _Token) -> Node:
+    def _word(self, token: Token) -> Node:
         if len(token.text) > LONGEST_WORD:
-            raise self._fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
+            raise self.fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
         if keyword.iskeyword(token.text):
-            raise self._fault(token.column, f"'{token.text}' is a word of Python and no part of the language")
+            raise self.fault(token.column, f"'{token.text}' is a word of Python and no part of the language")
         if self.next.text == "[":
             return Element(token.text, self._entries(), token.column)
         if self.next.text != "(":
             return Name(token.text, token.column)
-        self._enter(self._take().column)
+        self._enter(self.take().column)
         if token.text == DELAYED:
             return self._delayed(token)
         arguments: list[Node] = []
@@ -247,121 +206,126 @@ class _Reader:
             arguments.append(self._compared())
             if self.next.text != ",":
                 break
-            self._take()
+            self.take()
         self._close(")")
         return self._called(token, arguments)
 
-    def _delayed(self, token: _Token) -> Node:
+    def _delayed(self, token: Token) -> Node:
         """Read what is delayed and by how much, an expression or a quantity in quotes, after the parenthesis."""
         if self.next.text == ")":
-            raise self._fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has 0 arguments")
+            raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has 0 arguments")
         what = self._expression(self._compared())
         if self.next.text != ",":
-            raise self._fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has no delay")
-        self._take()
-        by = self._quantity(self._take()) if self.next.kind == "quoted" else self._expression(self._compared())
+            raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has no delay")
+        self.take()
+        by = self._quantity(self.take()) if self.next.kind == "quoted" else self._expression(self._compared())
         if self.next.text == ",":
-            raise self._fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has over 2 arguments")
+            raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has over 2 arguments")
         self._close(")")
         if any(isinstance(node, Call) and node.function == DELAYED for part in (what, by) for node in every(part)):
-            raise self._fault(token.column, f"'{DELAYED}' stands in '{DELAYED}'; write one delay, the sum of both")
+            raise self.fault(token.column, f"'{DELAYED}' stands in '{DELAYED}'; write one delay, the sum of both")
         return Call(DELAYED, (what, by), token.column)
 
-    def _quantity(self, token: _Token) -> Node:
+    def _quantity(self, token: Token) -> Node:
         """Return a quantity in quotes as an expression."""
         text = token.text[1:-1]
         try:
             parse_quantity(text)
             return _read(with_unit_names(text.strip()))
         except InputError as error:
-            raise self._fault(token.column, f"the delay {token.text} is no quantity: {error}") from None
+            raise self.fault(token.column, f"the delay {token.text} is no quantity: {error}") from None
 
     def _entries(self) -> tuple[str | int, ...]:
         """Read the labels and whole numbers in brackets."""
-        self._take()
+        self.take()
         entries: list[str | int] = []
         while True:
-            sign = self._take().text if self.next.text == "-" else ""
-            token = self._take()
+            sign = self.take().text if self.next.text == "-" else ""
+            token = self.take()
             if token.kind == "word" and not sign:
                 entries.append(token.text)
             elif token.kind == "number" and token.text.isdigit():
                 entries.append(int(sign + token.text))
             else:
-                raise self._unreadable(
+                raise self.unreadable(
                     "in brackets stand labels and whole numbers alone, like [Jupiter, x] or [-1]", token
                 )
             if self.next.text != ",":
                 break
-            self._take()
+            self.take()
         if self.next.text != "]":
-            raise self._unreadable("']' is missing")
-        self._take()
+            raise self.unreadable("']' is missing")
+        self.take()
         return tuple(entries)
 
-    def _along(self, token: _Token, arguments: list[Node]) -> Node:
+    def _along(self, token: Token, arguments: list[Node]) -> Node:
         """Return a function along dimensions; the last arguments are their names, or whole numbers."""
         function, column = token.text, token.column
         arity, most, numbers = ALONG[function]
         extra = 1 if function in ("shift", "take") else 0
         got, needed = len(arguments), arity + numbers + extra
         if got < needed + 1 or (most is not None and got > needed + most):
-            raise self._fault(column, f"'{function}' is written {FORMS[function]}; number of arguments here: {got}")
+            named = [dim.name for dim in arguments[2:] if isinstance(dim, Name)]
+            several = function == "dot" and len(named) == got - 2 > 1
+            remedy = f"; over several dimensions write sum(a*b, {', '.join(named)})" if several else ""
+            raise self.fault(
+                column, f"'{function}' is written {FORMS[function]}; number of arguments here: {got}{remedy}"
+            )
         end = got - numbers - extra
         values, dims = arguments[:arity], arguments[arity:end]
         if not all(isinstance(dim, Name) for dim in dims):
-            raise self._fault(column, f"'{function}' is written {FORMS[function]}: a dimension is a name")
+            raise self.fault(column, f"'{function}' is written {FORMS[function]}: a dimension is a name")
         places = exponent_of(arguments[end]) if numbers else Fraction(0)
         if places is None or places.denominator != 1:
-            raise self._fault(
+            raise self.fault(
                 column, f"'{function}' is written {FORMS[function]}: the number of places is a whole literal"
             )
         values += arguments[end + numbers :]
         names = tuple(dim.name for dim in dims if isinstance(dim, Name))
         return Along(function, tuple(map(self._expression, values)), names, int(places), column)
 
-    def _called(self, token: _Token, arguments: list[Node]) -> Node:
+    def _called(self, token: Token, arguments: list[Node]) -> Node:
         function, column = token.text, token.column
         if function in self.own:
             return self.own[function](arguments)
         if function in ALONG and function not in FUNCTIONS:
             return self._along(token, arguments)
         if function not in FUNCTIONS:
-            raise self._fault(column, f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}")
+            raise self.fault(column, f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}")
         arity, got = FUNCTIONS[function], len(arguments)
         if got != arity and not (function in ("min", "max") and got > arity):
-            raise self._fault(column, f"function '{function}' takes {arity} arguments, got {got}")
+            raise self.fault(column, f"function '{function}' takes {arity} arguments, got {got}")
         conditions = 1 if function == "where" else 0
         if conditions and not isinstance(arguments[0], Compare):
-            raise self._fault(column, "the first argument of 'where' must be one comparison, like 'y > 0*metre'")
+            raise self.fault(column, "the first argument of 'where' must be one comparison, like 'y > 0*metre'")
         further = (self._expression(argument) for argument in arguments[conditions:])
         return Call(function, (*arguments[:conditions], *further), column)
 
     def _expression(self, node: Node) -> Node:
         """Refuse a comparison where a number is needed."""
         if isinstance(node, Compare):
-            raise self._fault(node.column, "a comparison stands in 'where' alone, like where(y > 0*metre, a, b)")
+            raise self.fault(node.column, "a comparison stands in 'where' alone, like where(y > 0*metre, a, b)")
         if isinstance(node, Call) and node.function == LIST:
-            raise self._fault(node.column, f"a list in brackets stands in {', '.join(self.own)} alone")
+            raise self.fault(node.column, f"a list in brackets stands in {', '.join(self.own)} alone")
         return node
 
     def _check_exponent(self, node: Node, column: int) -> None:
         exponent = exponent_of(node)
         if exponent is None:
-            raise self._fault(column, "an exponent must be a constant, like 2, -1, 0.5 or (3/2)")
+            raise self.fault(column, "an exponent must be a constant, like 2, -1, 0.5 or (3/2)")
         if abs(exponent) > LARGEST_EXPONENT:
-            raise self._fault(column, f"exponent {exponent} is over {LARGEST_EXPONENT} in size")
+            raise self.fault(column, f"exponent {exponent} is over {LARGEST_EXPONENT} in size")
 
-    def _finite(self, token: _Token) -> float:
+    def _finite(self, token: Token) -> float:
         number = read(token.text)
         if not isfinite(number):
-            raise self._fault(token.column, "a number is not finite")
+            raise self.fault(token.column, "a number is not finite")
         return number
 
     def _enter(self, column: int) -> None:
         self.level += 1
         if self.level > DEEPEST:
-            raise self._fault(
+            raise self.fault(
                 column,
                 f"there are over {DEEPEST} levels of parentheses, functions and signs in one another;"
                 " name the inner ones in definitions",
@@ -369,32 +333,6 @@ class _Reader:
 
     def _close(self, text: str) -> None:
         if self.next.text != text:
-            raise self._unreadable(f"{text!r} is missing")
-        self._take()
+            raise self.unreadable(f"{text!r} is missing")
+        self.take()
         self.level -= 1
-
-    def _take(self) -> _Token:
-        token, self.next = self.next, _Token("end", "", 0)
-        if token.text:
-            self.next = self._token()
-        return token
-
-    def _token(self) -> _Token:
-        match = _TOKEN.match(self.source, self.position)
-        if match is None and self.source[self.position :].strip():
-            column = self.position + 1
-            raise InputError(
-                f"expression {_shown(self.source)} cannot be read at column {column}: no word, number or sign of the"
-                " language"
-            )
-        if match is None or match.lastgroup is None:
-            return _Token("end", "", len(self.source) + 1)
-        self.position = match.end()
-        return _Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup) + 1)
-
-    def _unreadable(self, what: str, token: _Token | None = None) -> InputError:
-        column = (token or self.next).column
-        return InputError(f"expression {_shown(self.source)} cannot be read at column {column}: {what}")
-
-    def _fault(self, column: int, what: str) -> InputError:
-        return InputError(f"expression {_shown(self.source)}, column {column}: {what}")
