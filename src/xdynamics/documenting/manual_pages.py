@@ -89,6 +89,8 @@ rest on.
                were found; residuals against closed forms; Lyapunov exponents with uncertainties;
                until when a run can be believed; whether steps, recomputed, lead to the next rows:
                continuity_verdict, _time, _steps, continuity_defect_y, continuity_bound_y
+  modes        in Python, xd.modes(model) or of a row of a run: frequencies, shapes, eigenvalues, and
+               the step to begin with by each method; a Dataset that is saved and shown as others
   compare      two runs at any times, beside the interpolation error, and what differs by value; or
                a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or

@@ -24,6 +24,7 @@ MEANINGS = {
     "size": "how many elements there are",
 }
 MODEL = """\
+name = "Sun and two planets"
 [dimensions]
 body = ["Sun", "Jupiter", "Saturn"]        # labels, or a number of elements: site = 100
 axis = ["x", "y", "z"]
@@ -39,8 +40,13 @@ r = "m"                                    # over body, the same for every axis
 [forces.gravity]
 over = "pair"                              # or r = "…": the force on the first of each
 potential = "-G*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)"
-[initial]
-r = { table = "planets.csv", columns = ["x", "y", "z"] }   # rows by a column `body`, or in order
+[initial]                                  # a row for each body, a column for each axis
+r = { unit = "astronomical_unit", value = [[0, 0, 0], [5.2, 0, 0], [0, 9.58, 0]] }
+v_r = { unit = "m s-1", value = [[0, 0, 0], [0, 13060, 0], [-9680, 0, 0]] }
+[run]
+method = "yoshida6"
+step = "30 day"
+until = "30 year"
 """.splitlines()
 
 
@@ -54,8 +60,12 @@ CLOSING = (
         " (log = ['u[0]'], in Python too), stream it to a file (-o, path=…), or take one event for all, whose function is"
         " max(…, dimension), min or sum: it is located where the first of them crosses."
     ),
-    "Values are a list (of lists), values = { label = … } (of two dimensions { label = { label = … } }), a table, or an",
-    "expression of index(…), beside a unit where it is a pure number; at the start an expression of parameters, too.",
+    (
+        "Values are a list (of lists), values = { label = … } (of two dimensions { label = { label = … } }), an expression of"
+        " index(…), beside a unit where it is a pure number, at the start an expression of parameters too, or a table:"
+        ' r = { table = "planets.csv", columns = ["x", "y", "z"] }, whose rows are found by a column `body` of labels, one for'
+        " each, or are in order."
+    ),
     (
         "The table of a relation has the columns first and second; each other column that forces use is declared as a parameter along"
         ' the relation: k = { dims = ["spring"], table = "springs.csv", column = "k" }.'
@@ -70,7 +80,9 @@ CLOSING = (
 
 def shapes_page() -> Iterator[str]:
     """Explain dimensions, relations, and what expressions do along them."""
-    yield from folded("A quantity may have named dimensions. Expressions broadcast by these names, as xarray does.")
+    yield from folded(
+        "A quantity may have named dimensions. Expressions broadcast by these names, as xarray does. A whole model:"
+    )
     yield from (f"  {line}" for line in MODEL)
     yield "In expressions stand, besides what `xdynamics help language` has,"
     width = max(map(len, FORMS.values()))
