@@ -114,6 +114,11 @@ def test_spelling(given_text: str, spelled: str) -> None:
         ("-2 km", -2000.0),
         (3, 3.0),
         ("7 uN", 7e-6),
+        ("24 as", 24e-18),
+        ("10 PW", 1e16),
+        ("2 petajoule", 2e15),
+        ("8.8 EHz", 8.8e18),
+        ("3 Pa", 3.0),
         ("36 km/h", 10.0),
     ],
 )

@@ -23,7 +23,7 @@ SPELLING = {
     "pound": "lb", "force_pound": "lbf", "percent": "percent", "metric_ton": "tonne",
 }  # fmt: skip
 PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
-          "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f"}  # fmt: skip
+          "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f", "atto": "a", "peta": "P", "exa": "E"}  # fmt: skip
 NO_PREFIX = ("minute", "hour", "day", "year", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton",
              "astronomical_unit")  # fmt: skip
 # unit names that are constants of the expression language: no number there is without a unit
