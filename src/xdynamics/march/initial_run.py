@@ -214,19 +214,27 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "evaluated": layout.evaluation.size,
         "reactions": layout.reactions.size,
         **_switching(layout, settings),
-        "contacts": HOLD if scheme.method.stepper.locates else STEP_IN_TIME,
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
         "pressed": layout.state.size - layout.reactions.size,
-        "assemblies": len(model.assemblies),
-        "links": HOLD_LINKS if scheme.method.stepper.locates else STEP_LINKS,
-        "together": together(model),
+        **_of_contacts(model, law),
         **_left_polynomial(law),
         **_rests_of_grid(model, layout, single),
         **_held(model, law),
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def _of_contacts(model: Model, law: Law) -> dict[str, int]:
+    """Return how many assemblies of bodies there are, and which phases hold or step their contacts."""
+    located = law.scheme.method.stepper.locates
+    return {
+        "contacts": HOLD if located else STEP_IN_TIME,
+        "assemblies": len(model.assemblies),
+        "links": HOLD_LINKS if located else STEP_LINKS,
+        "together": together(model),
+    }
 
 
 def _switching(layout: Layout, settings: Settings) -> dict[str, int]:
