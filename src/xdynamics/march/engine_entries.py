@@ -39,6 +39,7 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.series import series_step
+from xdynamics.march.spread_impulses import part_with_impulses, steps_over_links
 from xdynamics.march.tolerance_sizes import derivatives, fastest_rate, natural_sizes
 from xdynamics.march.trial_step import copy, propose_apart
 
@@ -213,7 +214,7 @@ def states_inside(
         Whether to compute the distances, which takes two more steps; else they are nan.
     """
     run = run_at(address)
-    n, current = states.shape[0], np.int64(-1)
+    n, current, stepped = states.shape[0], np.int64(-1), steps_over_links(run)
     for k in range(steps.shape[1]):
         t, t1, h, time = steps[0, k], steps[1, k], steps[2, k], steps[3, k]
         if parameters.shape[0] > 0 and np.int64(steps[4, k]) != current:
@@ -231,7 +232,7 @@ def states_inside(
         known = recall_closed(run, closed, np.int64(steps[7, k]), np.int64(steps[8, k]))
         enter(run, t, states, k, steps[6, k] != 0.0, known)
         begun, run.now[0].status = run.now[0].status == RUNNING, RUNNING  # whether closed links were found
-        solved = shorter(run, t, time, s * h, left) and begun
+        solved = (part_with_impulses(run, steps, k, s) if stepped else shorter(run, t, time, s * h, left)) and begun
         for i in range(n):
             found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan
         if not reintegrated or ends.shape[0] > 0:
@@ -242,7 +243,7 @@ def states_inside(
             called(run.law[INSIDE], run, run.y, run.located_z, 0)
             for i in range(n):
                 found[i, k] = run.e[i] if solved else np.nan
-        if judged:
+        if judged and not stepped:
             solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0, 0.0)
             copy(run.z, run.y)
             run.now[0].rest = 0.0

@@ -44,10 +44,12 @@ OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, S
 )  # what was wrong
 # of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
 # gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms;
-# the largest coefficient of friction, over that of its link, that an impulse needed which stopped a slip, and when
+# the largest coefficient of friction, over that of its link, that an impulse needed which stopped a slip, and when; how
+# much of a step over impacts a state inside it is reached by, if it is
 SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WORK, TERMS, FIGURE, NEEDED, NEEDED_AT = (
     range(15)
 )
+SPREAD = 15
 GROUP = 16  # elements of a group
 AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
 NARROWER = 1.0 / 16.0  # of the width of a box: how far a narrow one reaches beyond the step

@@ -20,6 +20,7 @@ from xdynamics.march.assembly.broad_phase import (
     READY,
     RESIDUAL,
     ROWS,
+    SPREAD,
     TOGETHER,
     blame,
     keep_boxes,
@@ -52,6 +53,9 @@ from xdynamics.march.run import Run
 def step_links(run: Run, t1: float) -> None:
     """Add the impulses of a step to the trial, which was made without them."""
     n, h, fastest = run.plan[0].coordinates, run.trial[0].h, 0.0
+    if run.spans[SPREAD] > 0.0:
+        spread(run, t1)
+        return
     run.tallies[TOGETHER], run.tallies[FAULT] = 0, 0
     if not finite_state(run):
         return
@@ -67,6 +71,17 @@ def step_links(run: Run, t1: float) -> None:
         return
     for i in range(n):
         run.z[i] += h / 2.0 * (run.z[n + i] - run.half[n + i])
+    evaluate(run, t1, run.z)
+    run.at[UNSOUND] = 0.0 if finite_state(run) else nan
+
+
+@shared
+def spread(run: Run, t1: float) -> None:
+    """Add to a state inside a step what the impulses of all of it, which `whole` has, have changed by then."""
+    n, h, part = run.plan[0].coordinates, run.trial[0].h, run.spans[SPREAD]
+    for i in range(n):
+        run.z[i] += h / 2.0 * part * run.whole[i]
+        run.z[n + i] += part * run.whole[i]
     evaluate(run, t1, run.z)
     run.at[UNSOUND] = 0.0 if finite_state(run) else nan
 
