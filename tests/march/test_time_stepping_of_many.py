@@ -175,3 +175,18 @@ def test_bodies_that_overlap_at_the_start_are_refused() -> None:
     run = xd.simulate(model, until="10 ms", **STEPPED)
     assert run.attrs["run_outcome"] == "contact_penetrated"
     assert "begin apart" in run.attrs["run_outcome_text"]
+
+
+def test_states_inside_steps_have_the_forces_of_the_record(heap: Any) -> None:
+    """Assert that states are on parabolas between rows, that a heap at rest stays there, and that rows are met to the bit."""
+    rows = heap.isel(step=slice(20, 24))
+    start, end, h = rows.isel(step=0), rows.isel(step=1), 2e-3
+    parts = np.array([0.25, 0.5, 0.9])
+    found = xd.sample(heap, float(start.time) + parts * h)
+    for k, part in enumerate(parts):
+        assert found.v_x.values[k] == pytest.approx((1 - part) * start.v_x.values + part * end.v_x.values, abs=1e-12)
+    at_rest = xd.sample(heap, [1.1991, 1.1997])
+    for name in ("x", "y", "theta"):
+        assert at_rest[name].values == pytest.approx(np.stack([heap[name].values[-1]] * 2), abs=1e-9)
+    met = xd.sample(heap, heap.time.values[[30, 333]])
+    assert np.array_equal(met.v_theta.values, heap.v_theta.values[[30, 333]])
