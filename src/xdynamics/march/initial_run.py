@@ -243,17 +243,6 @@ def _switching(layout: Layout, settings: Settings) -> dict[str, int]:
     return {"switches": count, "passing": int(settings.switches == LANDED_ON)}
 
 
-def _linked(model: Model, law: Law) -> dict[str, int]:
-    """Return what contacts do after a step, contacts of many links, how many there are, how many links are struck at once."""
-    locates = law.scheme.method.stepper.locates
-    return {
-        "contacts": HOLD if locates else STEP_IN_TIME,
-        "links": HOLD_LINKS if locates else STEP_LINKS,
-        "assemblies": len(model.assemblies),
-        "together": together(model),
-    }
-
-
 def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float]:
     """Return whether numbers are sums of two, and then what is left of the start and of the step."""
     if not layout.is_doubled:
