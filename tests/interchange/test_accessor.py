@@ -144,7 +144,7 @@ def test_no_rows_are_no_picture(run: xr.Dataset, verb: Any) -> None:
             "a run that is still to be marched",
         ),
         (lambda run: run.dynamics.events(), "evidence, no run: events from 1 run"),
-        (xd.modes, "Linearisation about the state at t = 0.0 s"),
+        (xd.modes, "evidence, no run: modes from 1 run"),
     ],
 )
 def test_what_is_no_whole_run_is_described(run: xr.Dataset, part: Any, said: str) -> None:

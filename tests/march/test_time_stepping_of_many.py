@@ -190,3 +190,14 @@ def test_states_inside_steps_have_the_forces_of_the_record(heap: Any) -> None:
         assert at_rest[name].values == pytest.approx(np.stack([heap[name].values[-1]] * 2), abs=1e-9)
     met = xd.sample(heap, heap.time.values[[30, 333]])
     assert np.array_equal(met.v_theta.values, heap.v_theta.values[[30, 333]])
+
+
+def test_its_picture_and_diagnosis_tell_what_contacts_took(pile: xd.Model, heap: Any) -> None:
+    """Assert that the panel of energies names contacts, and that turns and extremes are found without more solutions."""
+    titles = [axes.get_title(loc="left") for axes in xd.plot(heap, only="energy").axes]
+    assert any("contacts" in title for title in titles), titles
+    assert not any("alone" in title for title in titles)
+    short = xd.simulate(pile, method="moreau_jean", step="2 ms", until="0.3 s")
+    diagnosis = xd.diagnose(short)
+    assert (diagnosis.continuity_defect_x <= diagnosis.continuity_bound_x).all()
+    assert int(diagnosis.continuity_steps) == 150

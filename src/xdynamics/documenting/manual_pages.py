@@ -69,7 +69,8 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   Heaps of a hundred bodies and more: method = moreau_jean. It locates nothing: over each step a
   contact that is closed in its middle has one impulse, by Newton's law with friction, and bodies
   overlap by what they approach in a step. Its force in a row is the mean over the step before it,
-  and acts all through the step in states that are sampled there; closed_force_residual is what the equations of all impulses left, at most 1e-6 of rates.
+  and acts all through the step in states that are sampled there; closed_force_residual is what
+  the equations of all impulses left, at most 1e-6 of rates.
 Limits  Contacts have 24 forces at most, if they are not of a dimension or a relation; law =
   energetic is for one link at a time. They read no drives, and do not go with Python forces nor,
   but by differences, with implicit methods. Where a measured drive jumps, the row at the node holds
@@ -89,8 +90,8 @@ rest on.
                were found; residuals against closed forms; Lyapunov exponents with uncertainties;
                until when a run can be believed; whether steps, recomputed, lead to the next rows:
                continuity_verdict, _time, _steps, continuity_defect_y, continuity_bound_y
-  modes        in Python, xd.modes(model) or of a row of a run: frequencies, shapes, eigenvalues, and
-               the step to begin with by each method; a Dataset that is saved and shown as others
+  modes        in Python, xd.modes(model) or of a row of a run: frequencies, shapes, eigenvalues,
+               and the step to begin with by each method; a Dataset that is saved and shown as others
   compare      two runs at any times, beside the interpolation error, and what differs by value; or
                a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or

@@ -75,7 +75,7 @@ def extremes_of_elements(
         asked = sum(item.size for item in times)
         if not asked:
             break
-        if inside is None and asked * numbers_inside(rows.model) > MOST_NUMBERS:
+        if inside is None and asked * numbers_inside(rows) > MOST_NUMBERS:
             return [_accepted(*pair) for pair in zip(found, searches, strict=True)]
         inside = inside or Inside.of(near, functions, REINTEGRATE)
         states = inside.at(np.concatenate(times), after=False)

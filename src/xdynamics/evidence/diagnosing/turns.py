@@ -43,7 +43,7 @@ def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]]
             velocities: Floats = inside.taken(inside.at(times.ravel(), after=False), speed)
             return sign * velocities.reshape(times.shape) > 0.0
 
-        high = _bisected(low, high, not_yet)
+        high = _bisected(low, high, not_yet, 1 if rows.model.assemblies else DEEPEST)
         points = inside.taken(inside.at(high, after=False), name)
     units = str(column(rows.run, name).attrs["units"])
     located = f"time at which {name} turns, located with steps of the run's own method"
@@ -53,13 +53,13 @@ def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]]
     }
 
 
-def _bisected(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray[np.bool_]]) -> Floats:
+def _bisected(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray[np.bool_]], deepest: int) -> Floats:
     """Return the least known time behind each zero.
 
     The middles of several halvings are evaluated at once, whichever halves will be kept: asking takes longer than
-    evaluating. They are those of one halving after the other, to the bit.
+    evaluating, but of many links. They are those of one halving after the other, to the bit.
     """
-    columns, depth = np.arange(low.size), DEEPEST
+    columns, depth = np.arange(low.size), deepest
     while depth > 1 and (2**depth - 1) * low.size > MOST_PLACES:
         depth -= 1
     for _ in range(HALVINGS // depth):
