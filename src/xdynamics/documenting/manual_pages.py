@@ -91,7 +91,7 @@ rest on.
                until when a run can be believed; whether steps, recomputed, lead to the next rows:
                continuity_verdict, _time, _steps, continuity_defect_y, continuity_bound_y
   modes        in Python, xd.modes(model) or of a row of a run: frequencies, shapes, eigenvalues,
-               and the step to begin with by each method; a Dataset that is saved and shown as others
+               and the step to begin with by each method; saved and shown as others are
   compare      two runs at any times, beside the interpolation error, and what differs by value; or
                a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or
