@@ -192,6 +192,20 @@ def test_states_inside_steps_have_the_forces_of_the_record(heap: Any) -> None:
     assert np.array_equal(met.v_theta.values, heap.v_theta.values[[30, 333]])
 
 
+def test_a_record_says_when_its_forces_act(pile: xd.Model, heap: Any) -> None:
+    """Assert that forces are said to be means, gaps not to be held, and states inside steps to share impulses; else not."""
+    said = [heap[name].attrs["long_name"] for name in ("closed_force", "closed_friction_force", "contact_force_floor")]
+    assert all(", mean over the step before the row, positive" in words for words in said[:2])
+    assert ", mean over the step before the row" in said[2]
+    assert "held at zero, not it" in heap.closed_gap.attrs["long_name"]
+    assert "rate" in heap.closed_force_residual.attrs["long_name"]
+    assert "share of its time" in heap.attrs["solver_interpolation"]
+    located = xd.simulate(pile, method="velocity_verlet", step="1 ms", until="3 ms")
+    assert "mean" not in located.closed_force.attrs["long_name"]
+    assert located.closed_gap.attrs["long_name"] == "gap of the link, which is held at zero"
+    assert "share" not in located.attrs["solver_interpolation"]
+
+
 def test_its_picture_and_diagnosis_tell_what_contacts_took(pile: xd.Model, heap: Any) -> None:
     """Assert that the panel of energies names contacts, and that turns and extremes are found without more solutions."""
     titles = [axes.get_title(loc="left") for axes in xd.plot(heap, only="energy").axes]

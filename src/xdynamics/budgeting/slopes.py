@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting.measurand import TIME, Target
 from xdynamics.dynamics.constrained_changes import followed_start
-from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
+from xdynamics.dynamics.path import NO_MAP, steps_over_impacts
 from xdynamics.dynamics.saltation import FlowStates, Met
 from xdynamics.dynamics.tick_maps import with_ticks
 from xdynamics.dynamics.variational import (
@@ -98,8 +98,8 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
         raise NotVariedError("friction elements slip or stick all the time")
     if model.assemblies:
         raise NotVariedError("impacts of many links have no map of states")
-    if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
-        raise NotVariedError(f"{BY_IMPULSES} has no events")
+    if steps_over_impacts(run, model):
+        raise NotVariedError(f"{run.attrs['solver_method']} locates no impacts")
     refuse_delays(model)
     if model.python_functions:
         raise NotVariedError("a force or event is written in Python")

@@ -82,10 +82,10 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("event_<relation>, event_first, event_second", "event", "which link of a contact of many bodies was struck"),
     ("event_impulse_first_x, event_impulse_second_x", "event", "impulses on the two that met"),
     ("closed_step, closed_contact, closed_first, closed_second", "closed", "row, contact and bodies of a closed link"),
-    ("closed_gap, closed_force", "closed", "its gap, held at zero, and its normal force; a row for each link and step"),
+    ("closed_gap, closed_force", "closed", "its gap and its normal force; a row for each link and step"),
     ("closed_friction_force", "closed", "its friction along positive slip, where a contact has any"),
     ("closed_friction_state", "closed", "what it does along it: steps go on from there, not from states alone"),
-    ("closed_force_residual", "closed", "acceleration that its gap is left with, where 0 was solved for"),
+    ("closed_force_residual", "closed", "what the equations of all forces left: acceleration of its gap"),
     ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
     (
         ", ".join(map(schema.label_of, ("<dimension>", schema.logged_of("<dimension>")))),

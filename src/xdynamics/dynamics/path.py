@@ -28,6 +28,7 @@ from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import AT, TABLE, WORDS, Program
 from xdynamics.kernels.python_text import python_of
+from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.constraints import beyond_trees
@@ -48,7 +49,6 @@ Whole = NDArray[np.int64]
 
 NUDGE = 1e-6  # of a variable's range, by which it is moved to both sides for forces without derivatives
 BLOCKS = 2048  # of equal time, in which growth is summed: long steps are divided, short ones combined
-BY_IMPULSES = "moreau_jean"  # contacts over whole steps, without events
 NO_MAP = (
     "pole",
     "cluster",
@@ -57,6 +57,12 @@ NO_MAP = (
     "stick",
     "slip",
 )  # kinds of events that are not described by a map of the state
+
+
+def steps_over_impacts(run: xr.Dataset, model: Model) -> bool:
+    """Whether contacts act over whole steps in a run of a model, without events that tell what they took."""
+    located = METHODS[str(run.attrs["solver_method"])].stepper.locates
+    return bool(model.contacts or model.assemblies) and not located
 
 
 @dataclass(frozen=True)
@@ -115,8 +121,8 @@ class RunPath:
             raise NotVariedError(
                 f"impacts of many links, like those of '{next(iter(model.assemblies))}', have no map of states"
             )
-        if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
-            raise NotVariedError(f"{BY_IMPULSES} has no events")
+        if steps_over_impacts(run, model):
+            raise NotVariedError(f"{run.attrs['solver_method']} locates no impacts")
         if held := touches(run):
             name, row = min(held.items(), key=lambda entry: entry[1])
             owner = name.removeprefix(contact_state("")).removeprefix(friction_state(""))

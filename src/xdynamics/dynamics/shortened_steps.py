@@ -238,7 +238,7 @@ class Inside:
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
-        attributes |= interpolation(self.settings.scheme, self.rule) | {"error_estimate": ROUTE}
+        attributes |= interpolation(self.settings.scheme, self.model, self.rule) | {"error_estimate": ROUTE}
         return xr.Dataset(variables, attrs=attributes).set_coords(AT_TIME)
 
     @cached_property
@@ -250,7 +250,7 @@ class Inside:
             name = quantity.name
             recorded, error = self.run.variables[name].attrs, schema.error(name)
             rule = {
-                "interpolation": scheme.interpolation(self.rule),
+                "interpolation": scheme.interpolation(self.model, self.rule),
                 "interpolation_order": orders[layout.used.block(name).name],
                 "ancillary_variables": error,
             }

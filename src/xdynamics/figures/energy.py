@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.dynamics.path import BY_IMPULSES
+from xdynamics.dynamics.path import steps_over_impacts
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, energy_changes, has_chords, known_model
 from xdynamics.figures.element_maps import STEADY
@@ -94,12 +94,6 @@ def _at_rows(run: xr.Dataset, *names: str, exact: bool = False) -> str:
     return "; at recorded states" if has_chords(run, *names, exact=exact) else ""
 
 
-def steps_over_impacts(run: xr.Dataset) -> bool:
-    """Whether a run's contacts act over whole steps, so that no events tell what they took."""
-    model = known_model(run)
-    return model is not None and bool(model.contacts or model.assemblies) and run.attrs["solver_method"] == BY_IMPULSES
-
-
 def _changed(run: xr.Dataset) -> str:
     """Name what changes the total energy appreciably: forces, events or the method's error."""
     changes = energy_changes(run)
@@ -107,7 +101,8 @@ def _changed(run: xr.Dataset) -> str:
         return ""
     share = MATTERS * float(np.ptp(run.variables["total_energy"].values))
     causes = [what for what, change in changes.items() if change > share]
-    if causes[-1:] == ["the method's error"] and steps_over_impacts(run):
+    model = known_model(run)
+    if causes[-1:] == ["the method's error"] and model is not None and steps_over_impacts(run, model):
         causes[-1:] = ["contacts", "the method's error"]
     if causes == ["the method's error"]:
         return ", changed by the method's error alone"

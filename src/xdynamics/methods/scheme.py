@@ -13,6 +13,7 @@ from xdynamics.methods.lines import HERMITE, Interpolant, Line, read_lines
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import CONTROLLER, EXACT, Stepper
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
+from xdynamics.model import Model
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "none",
@@ -26,6 +27,10 @@ REINTEGRATE, INTERPOLANT = RULES = ("reintegrate", "interpolant")
 REINTEGRATION_WORDS = (
     "re-integration: the run's own step from the accepted state before, shortened to end at the instant; events are"
     " located on the same"
+)
+SHARED_IMPULSES = (
+    "re-integration: the run's own step from the accepted state before, without contacts and shortened to end at the"
+    " instant; of the impulses of the whole step the share of its time that has passed"
 )
 INNER_NORM = (
     "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is"
@@ -154,10 +159,10 @@ class Scheme:
         """Whether a step leaves a polynomial of its own, which costs no further evaluation: events are isolated on it."""
         return self.interpolant.given and self.interpolant != HERMITE and not self.by_hermite
 
-    def interpolation(self, rule: str = REINTEGRATE) -> str:
-        """The interpolation between accepted states, in words."""
+    def interpolation(self, model: Model, rule: str = REINTEGRATE) -> str:
+        """The interpolation between accepted states of a model, in words."""
         if rule == REINTEGRATE:
-            return REINTEGRATION_WORDS
+            return REINTEGRATION_WORDS if self.method.stepper.locates or not model.assemblies else SHARED_IMPULSES
         return self.interpolant.words
 
     def interpolation_order(self, rule: str = REINTEGRATE) -> int:

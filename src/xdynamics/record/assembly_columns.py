@@ -52,13 +52,13 @@ def _of_bodies(about: About) -> list[Column]:
         gap, force = unit_of_gap(assembly), unit_of_force(assembly)
         apart = Variable(contact_gap(assembly.name), dims, "f8", gap.text, f"gap of contact {assembly.name}", "gap")
         collected.append(Column(apart, _gaps(about, assembly, gap, shape)))
-        words = f"normal force of contact {assembly.name}, positive where it pushes; 0 where it is open"
+        words = f"normal force of contact {assembly.name}{about.when_forces_act}, positive where it pushes; 0 where it is open"
         pressing = Variable(contact_force(assembly.name), dims, "f8", force.text, words, "reaction")
         collected.append(Column(pressing, _spread(3, about.units.factor(force), begin, shape)))
         if assembly.contact.slip is not None:
             words = (
-                f"friction force of {assembly.name} along positive slip, against which it acts while it slips; 0 where it"
-                " is open"
+                f"friction force of {assembly.name} along positive slip{about.when_forces_act}, against which it acts"
+                " while it slips; 0 where it is open"
             )
             (drag,) = units_of_friction([assembly])
             rubbing = Variable(friction_force(assembly.name), dims, "f8", drag.text, words, "reaction")

@@ -95,6 +95,7 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
         collected.append(Column(at, links.along(dim, find)))
     if links.iterated and any_rubs(links.contacts):
         told = "whether the link sticks or slips from this state on"
+        told = told if about.located else "whether the link stuck or slipped over the step before the row"
         states = flags(dict(enumerate(LINK_STATES)))
         does = replace(_variable(FRICTION_STATE, "i1", "1", told), role="flag", more=states)
         collected.append(Column(does, lambda block: np.asarray(links.rows(block)[6].astype(np.int8))))
@@ -103,20 +104,24 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
 
 def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
     """Yield the gaps and forces of closed links; where units differ, with that of each contact."""
-    every = links.contacts
+    every, when = links.contacts, about.when_forces_act
+    held = "which is held at zero" if about.located else "negative where it overlaps: its rate is held at zero, not it"
     gaps = [unit_of_gap(contact) for contact in every]
     numbers = [
-        ("gap", 2, gaps, "gap of the link, which is held at zero"),
-        ("force", 3, [*map(unit_of_force, every)], "normal force of the link, positive where it pushes"),
+        ("gap", 2, gaps, f"gap of the link, {held}"),
+        ("force", 3, [*map(unit_of_force, every)], f"normal force of the link{when}, positive where it pushes"),
     ]
     if links.iterated:
         left = [spell(gap.dimension / about.model.time_unit.dimension**2) for gap in gaps]
-        words = (
-            "residual of the equations for all contact forces: remaining acceleration of the gap, which is to be zero"
-        )
+        left_over = "remaining acceleration of the gap, which is to be zero"
+        if not about.located:
+            left_over = "what the gap's rate after the step differs from that of the impact law, over the step's length"
+        words = f"residual of the equations for all contact forces: {left_over}"
         numbers.append(("force_residual", 4, left, words))
     if any_rubs(every):
-        words = "friction force of the link, positive along positive slip; while the link slips it opposes the slip"
+        words = (
+            f"friction force of the link{when}, positive along positive slip; while the link slips it opposes the slip"
+        )
         numbers.append(("friction_force", 5, units_of_friction(every), words))
     for name, row, units, words in numbers:
         texts = [unit.text for unit in units]

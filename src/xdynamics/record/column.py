@@ -14,6 +14,7 @@ from xdynamics import schema
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march import LogBlock, Tolerances
+from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.model.constraints import multiplier_dimensions
 from xdynamics.model.elementwise import names_of
@@ -38,17 +39,39 @@ class Column:
 
 @dataclass(frozen=True)
 class About:
-    """What the columns of a march depend on."""
+    """What the columns of a march depend on.
+
+    Attributes
+    ----------
+    layout : Layout
+    scales : Scales
+    tolerances : Tolerances, optional
+    samples : bool
+        Whether force evaluations are recorded.
+    located : bool
+        Whether impacts are located; else contacts act over whole steps.
+    """
 
     layout: Layout
     scales: Scales
     tolerances: Tolerances | None
-    samples: bool
+    samples: bool = False
+    located: bool = True
+
+    @classmethod
+    def of(cls, layout: Layout, settings: Settings, *, samples: bool = False) -> About:
+        """Return what the columns of a march with these settings depend on."""
+        return cls(layout, settings.scales, settings.tolerances, samples, settings.method.stepper.locates)
 
     @property
     def model(self) -> Model:
         """The model that was marched."""
         return self.layout.model
+
+    @property
+    def when_forces_act(self) -> str:
+        """When the force of a contact in a row acts, as the end of a phrase; nothing where it is that of its state."""
+        return "" if self.located else ", mean over the step before the row"
 
     @cached_property
     def units(self) -> Units:

@@ -100,7 +100,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **_assumed(march.model),
         **delays(march),
         **_dimensions(march),
-        **interpolation(settings.scheme),
+        **interpolation(settings.scheme, model),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": PRECISION_WORDS[settings.precision],
@@ -179,10 +179,10 @@ def _nodes_and_scales(settings: Settings, second: str) -> dict[str, Any]:
     return recorded
 
 
-def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
+def interpolation(scheme: Scheme, model: Model, rule: str = REINTEGRATE) -> dict[str, Any]:
     """Describe the interpolation between the accepted states of a run."""
     return {
-        "solver_interpolation": scheme.interpolation(rule),
+        "solver_interpolation": scheme.interpolation(model, rule),
         "solver_interpolation_order": scheme.interpolation_order(rule),
     }
 

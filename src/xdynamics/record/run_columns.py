@@ -66,7 +66,7 @@ def element_columns(march: March) -> list[Column]:
 def _selected(march: March) -> list[Column]:
     """Return the columns of a log; those of quantities that are not blocks are of elements."""
     settings = march.settings
-    about = About(march.layout, settings.scales, settings.tolerances, settings.samples)
+    about = About.of(march.layout, settings, samples=settings.samples)
     selected = [*_columns(about), *written_link_columns(about)]
     if settings.log != FULL:
         model = march.layout.model
@@ -111,12 +111,12 @@ def _is_logged(march: March, quantity: Quantity) -> NDArray[np.bool_]:
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
     """Return the columns of a march that keeps no force samples, one for each element."""
-    return parted(_columns(About(layout, settings.scales, settings.tolerances, samples=False)), layout.model.shapes)
+    return parted(_columns(About.of(layout, settings)), layout.model.shapes)
 
 
 def named_columns(layout: Layout, settings: Settings) -> NamedColumns:
     """Return the same by name, of quantities and of elements."""
-    about = About(layout, settings.scales, settings.tolerances, samples=False)
+    about = About.of(layout, settings)
     return NamedColumns(_columns(about), layout.model.shapes)
 
 
@@ -189,8 +189,8 @@ def _steps(about: About) -> list[Column]:
         description = observed.description if observed else schema.ENERGIES.get(name)
         add(own._replace(role=role), description or f"{noun} {owner}", units.derived(own))
     for k, (reaction, own) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
-        add(own, _long_name(reaction), units.known[reaction.name], _declared(model, reaction))
-        collected.append(Column(_state_of(reaction), _flag(2 + k)))
+        add(own, _long_name(about, reaction), units.known[reaction.name], _declared(model, reaction))
+        collected.append(Column(_state_of(about, reaction), _flag(2 + k)))
     collected += of_constraints(about)
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
@@ -219,12 +219,13 @@ def _regime(about: About) -> Column:
     return Column(regime, lambda block: block.log.flags[1, : block.rows])
 
 
-def _long_name(reaction: Reaction) -> str:
-    """Describe a reaction: its positive direction, and where it is 0."""
+def _long_name(about: About, reaction: Reaction) -> str:
+    """Describe a reaction: its positive direction, when it acts, and where it is 0."""
+    owner, when = reaction.owner, about.when_forces_act
     if reaction.sort == NORMAL:
-        return f"normal force of contact {reaction.owner}, positive where it pushes; 0 where it is open"
+        return f"normal force of contact {owner}{when}, positive where it pushes; 0 where it is open"
     where = "" if reaction.sort == DRY else "; 0 where it is open"
-    return f"friction force of {reaction.owner} along positive slip, against which it acts while it slips{where}"
+    return f"friction force of {owner} along positive slip{when}, against which it acts while it slips{where}"
 
 
 def _declared(model: Model, reaction: Reaction) -> dict[str, str]:
@@ -251,14 +252,16 @@ def state_name(one: Reaction) -> str:
     return reaction_names.contact_state(one.owner) if one.sort == NORMAL else reaction_names.friction_state(one.owner)
 
 
-def _state_of(reaction: Reaction) -> Variable:
+def _state_of(about: About, reaction: Reaction) -> Variable:
     """Return the variable for the state of a contact or friction."""
     words: tuple[str, ...] = schema.FRICTION_STATES
     name = state_name(reaction)
-    long_name = f"what the friction of {reaction.owner} does; forward is along positive slip"
+    does = "does" if about.located else "did over the step before the row"
+    long_name = f"what the friction of {reaction.owner} {does}; forward is along positive slip"
     if reaction.sort == NORMAL:
         words = schema.CONTACT_STATES
-        long_name = f"what contact {reaction.owner} does; bounces are skipped while it is settling"
+        skipped = "; bounces are skipped while it is settling" if about.located else ""
+        long_name = f"what contact {reaction.owner} {does}{skipped}"
     elif reaction.sort == DRY:
         words = ("", *words[1:])  # a friction element is never open
     meanings = {i: word for i, word in enumerate(words) if word}
@@ -326,7 +329,7 @@ def _of_wholes(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, d
     elements = [block.name for block in march.layout.used.blocks if not block.dims]
     if not march.model.shapes.dims or not elements:
         return followed
-    about = About(march.layout, march.settings.scales, march.settings.tolerances, samples=False)
+    about = About.of(march.layout, march.settings)
     final, blocks = dict(followed), {block.name: block for block in march.layout.used.blocks}
     for whole in wholes_of(elements, march).values():
         members = {}

@@ -13,12 +13,11 @@ from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.evidence.chunks import Chunks, with_roles
 from xdynamics.evidence.diagnosing.extremes import (
     MOST_NAMES,
-    MOST_NUMBERS,
     SOUGHT,
     STATES,
     Functions,
     extreme_variables,
-    numbers_inside,
+    takes_too_much,
 )
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, ElementExtremes, Heights
 from xdynamics.evidence.diagnosing.states_inside import column, parts_of
@@ -75,7 +74,7 @@ def extremes_of_elements(
         asked = sum(item.size for item in times)
         if not asked:
             break
-        if inside is None and asked * numbers_inside(rows) > MOST_NUMBERS:
+        if inside is None and takes_too_much(asked, rows):
             return [_accepted(*pair) for pair in zip(found, searches, strict=True)]
         inside = inside or Inside.of(near, functions, REINTEGRATE)
         states = inside.at(np.concatenate(times), after=False)

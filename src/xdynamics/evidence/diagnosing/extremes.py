@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.path import BY_IMPULSES
+from xdynamics.dynamics.path import steps_over_impacts
 from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, RULES, Heights
@@ -92,7 +92,7 @@ def extremes(
         asked = sum(item.size for item in times)
         if not asked:
             break
-        if inside is None and rows.model.shapes.dims and asked * numbers_inside(rows) > MOST_NUMBERS:
+        if inside is None and rows.model.shapes.dims and takes_too_much(asked, rows):
             searches = [
                 (_accepted(heights, search), search) for heights, (_, search) in zip(found, searches, strict=True)
             ]
@@ -130,14 +130,11 @@ def _begun(
     return [_search(rows, heights, rate) for heights, rate in zip(found, rates, strict=True)]
 
 
-def numbers_inside(rows: Chunks) -> int:
-    """Count the numbers that one state inside a step takes: its values, their errors, all links.
-
-    Where a method steps over impacts of many links these are solved for together again, which is too much.
-    """
-    if rows.model.assemblies and rows.run.attrs["solver_method"] == BY_IMPULSES:
-        return MOST_NUMBERS + 1
-    return 2 * len(rows.model.units) + widest(rows.model)
+def takes_too_much(states: int, rows: Chunks) -> bool:
+    """Whether states inside steps are too many to compute: their values, their errors and all links, or impulses anew."""
+    if rows.model.assemblies and steps_over_impacts(rows.run, rows.model):
+        return True
+    return states * (2 * len(rows.model.units) + widest(rows.model)) > MOST_NUMBERS
 
 
 def _search(rows: Chunks, heights: Heights, rates: Floats) -> tuple[Extreme, Summits]:
