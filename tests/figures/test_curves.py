@@ -257,8 +257,9 @@ def test_what_changes_the_energy_is_named(case: int) -> None:
     assert titles == {f"energy, changed by {('the method’s error alone', 'forces', 'events')[kind]}".replace("’", "'")}
 
 
-def test_steps_of_impulses_are_joined_and_it_is_said() -> None:
-    """Assert that forces of `moreau_jean`, means over its steps, are joined by straight lines, and that the panel says so."""
+@pytest.mark.parametrize(("keep_every", "note"), [(1, ""), (4, ", straight between those")])
+def test_forces_over_impacts_are_level_over_their_steps(keep_every: int, note: str) -> None:
+    """Assert that forces of `moreau_jean` are drawn as what they are: the load at the middle of each step, all over that step."""
     ball = xd.Model(
         name="ball",
         coordinates={"y": "m"},
@@ -267,8 +268,13 @@ def test_steps_of_impulses_are_joined_and_it_is_said() -> None:
         forces={"load": {"y": "-newton*(5 + sin(t/second))"}},
         contacts={"floor": {"gap": "y", "restitution": 0.0}},
     )
-    figure = xd.plot(xd.simulate(ball, method="moreau_jean", step=0.1, until=3.0), only="contact")
-    assert figure.axes[0].get_title(loc="left") == "contact and friction; straight between rows"
+    run = xd.simulate(ball, method="moreau_jean", step=0.125, until=3.0, keep_every=keep_every)
+    axes = xd.plot(run, only="contact").axes[0]
+    times, forces = np.array(axes.lines[-1].get_data())
+    ends = run.time.values[1:]
+    assert axes.get_title(loc="left") == f"contact and friction; means over the step before each row{note}"
+    assert np.array_equal(times[2:], np.stack([ends - 0.125, ends], axis=1).ravel())
+    assert np.abs(forces[2:] - np.repeat(5 + np.sin(ends - 0.0625), 2)).max() < 1e-14 * 6
 
 
 @pytest.mark.parametrize(("count", "note"), [(3, ""), (30, "; of many links: solved at rows, straight between them")])

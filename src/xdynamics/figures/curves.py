@@ -13,12 +13,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.left_out_rows import slack
-from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.evidence.observables import evaluated_whole, rate_on
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.faults import InputError
 from xdynamics.figures.hermite import StatePolynomials, chain_of, derivatives
+from xdynamics.figures.level_lines import REACTION, is_mean, known_model, means, stairs
 from xdynamics.figures.roles import with_role
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -39,7 +39,7 @@ MET = 1e-3  # of a range: how close a repeated step must come to the row that it
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
 STATES = ("coordinate", "velocity", "state")  # roles
-EVALUATED = ("energy", "observable", "force", "acceleration", "rate", "reaction", "multiplier", "joint", "gap")
+EVALUATED = ("energy", "observable", "force", "acceleration", "rate", REACTION, "multiplier", "joint", "gap")
 
 Rows = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -167,10 +167,14 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     evaluated on them. Where the record does not suffice, states lie on Hermite polynomials through the values recorded at
     both ends of a step. None if neither is available, or there are so many rows that straight lines are as good.
     """
-    if name in run.variables and run.variables[name].dims == (STEPS,) and run.variables[name].attrs.get("role") == HELD:
-        return _stairs(run.variables["time"].values, run.variables[name].values)
+    if name not in run.variables or run.variables[name].dims != (STEPS,):
+        return None
+    if run.variables[name].attrs.get("role") == HELD:
+        return stairs(run.variables["time"].values, run.variables[name].values)
+    if is_mean(run, name):
+        return means(*(run.variables[word].values for word in ("time", "step_size", name)))
     inner = inner_states(run)
-    if inner is None or name not in run.variables or run.variables[name].dims != (STEPS,):
+    if inner is None:
         return None
     values = inner.states.get(name)
     if values is None:
@@ -188,11 +192,6 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
         lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
         line[lost] = np.interp(times[lost], times[~lost], line[~lost])
     return times, line
-
-
-def _stairs(times: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return times and values of a line that keeps each value until the next row."""
-    return np.repeat(times, 2)[1:], np.repeat(values, 2)[:-1]
 
 
 def moments(run: xr.Dataset) -> Floats:
@@ -220,7 +219,7 @@ def _is_again(run: xr.Dataset) -> bool:
 
 def _inner_points(run: xr.Dataset) -> Inner | None:
     times, rows = _places(run)
-    if not times.size or _is_torn(run):
+    if not times.size or is_torn(run):
         return None
     if (states := _again(run, times, rows)) is not None:
         return Inner(times, rows, states, again=True)
@@ -261,7 +260,7 @@ def _numbers(run: xr.Dataset) -> int:
     return 1 if model is None else max(1, len(model.units))
 
 
-def _is_torn(run: xr.Dataset) -> bool:
+def is_torn(run: xr.Dataset) -> bool:
     """Whether rows were left out, so that the states between the remaining ones are not recorded."""
     time = run.variables["time"].values
     if "step_size" not in run.variables:
@@ -295,14 +294,6 @@ def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | No
         if not np.nanmax(deviation, initial=0.0) <= MET * np.ptp(recorded):  # an edited record
             return None
     return {name: samples.variables[name].values[: times.size] for name in model.units}
-
-
-def known_model(run: xr.Dataset) -> Model | None:
-    """Return the record's model, if it has one that needs no Python functions."""
-    if "model_toml" not in run.variables:
-        return None
-    model = model_of(run, None)
-    return None if model.python_functions else model
 
 
 def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:

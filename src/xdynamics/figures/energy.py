@@ -9,8 +9,9 @@ import xarray as xr
 
 from xdynamics.dynamics.path import steps_over_impacts
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import drawn, energy_changes, has_chords, known_model
+from xdynamics.figures.curves import drawn, energy_changes, has_chords
 from xdynamics.figures.element_maps import STEADY
+from xdynamics.figures.level_lines import known_model
 from xdynamics.figures.line_panels import DASHES, FEW_ROWS, over_the_run
 from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.schema import ENERGIES, STEPS

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.observables import potentials_on
 from xdynamics.faults import InputError
-from xdynamics.figures.curves import AGREED, drawn, inner_states, known_model, thinned
+from xdynamics.figures.curves import AGREED, drawn, inner_states, thinned
 from xdynamics.figures.element_maps import STEADY
+from xdynamics.figures.level_lines import known_model
 from xdynamics.figures.line_panels import over_the_run
 from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.model import Model

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import xarray as xr
 
-from xdynamics.figures.curves import has_chords, known_model
+from xdynamics.figures.curves import has_chords, is_torn
+from xdynamics.figures.level_lines import REACTION, is_mean, known_model
 from xdynamics.record.unfolding import whole_of
 from xdynamics.shapes import element, parted
 
-CONTACT = {"reaction", "gap"}  # roles
+CONTACT = {REACTION, "gap"}  # roles
 LONGEST_LABEL = 24  # characters
 
 
 def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
-    """Note where lines are straight between rows, because the states there, or forces of contacts of many bodies, are unknown."""
+    """Note where lines are straight between rows, because states there, or forces of contacts of many bodies, are unknown.
+
+    Forces of contacts that act over whole steps are known as means alone.
+    """
+    if any(is_mean(run, name) for name in names):
+        return "; means over the step before each row" + ", straight between those" * is_torn(run)
     if not has_chords(run, *names, exact=exact):
         return ""
     roles, model = {run.variables[name].attrs.get("role") for name in names if name in run.variables}, known_model(run)
