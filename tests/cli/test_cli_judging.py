@@ -161,7 +161,7 @@ def test_validate_ends_by_its_verdict(tmp_path: Path) -> None:
     done = call("validate", "--method", "rk4", "-o", tmp_path / "l.nc")
     assert (done.exit_code, done.output.splitlines()[-2]) == (
         0,
-        "ledger    41 cases of 1 methods: 40 passed, 0 failed, 1 refused",
+        "ledger    41 cases of 1 method: 40 passed, 0 failed, 1 refused",
     )
     assert call("plot", tmp_path / "l.nc", "-o", tmp_path / "l.svg").exit_code == 0
     wrong = tmp_path / "wrong.toml"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,6 +13,8 @@ import xarray as xr
 import xdynamics as xd
 from cases import smooth_models as smooth
 from cases.problems import MODELS, oscillator
+from xdynamics.figures.fit import panels_of as panels_of_fit
+from xdynamics.figures.ledger import panels_of as panels_of_ledger
 from xdynamics.figures.refinement import foot_of, telling
 from xdynamics.figures.vanishing import vanishing
 
@@ -344,7 +347,8 @@ def test_elements_of_a_refinement_share_a_panel() -> None:
     model = xd.Model.from_text(CHAIN.replace("sin(3*pi", "sin(2.5*pi"))
     steps = ["0.02 s", "0.01 s", "0.005 s", "0.0025 s"]
     study = xd.refine(model, method="velocity_verlet", steps=steps, at=["0.5 s", "1 s"], observables=["u"])
-    (axes,) = xd.plot(study).axes
+    figure = xd.plot(study)
+    (axes,) = figure.axes
     changes = np.abs(study["difference_u"].isel(at=-1).values[:-1])
     order = [*np.argsort(-changes.max(axis=0), kind="stable")]
     names = [text.get_text().split(",")[0] for text in axes.get_legend().get_texts()]
@@ -355,6 +359,7 @@ def test_elements_of_a_refinement_share_a_panel() -> None:
         assert any(line.shape == (3,) and (line == changes[:, number]).all() for line in found)
     title = " ".join(axes.get_title(loc="left").split())
     assert title == "u at t = 1 s, 8 elements: 8 asymptotic"
+    assert "; grey: elements that differ less than the 3 named" in " ".join(figure.texts[-1].get_text().split())
 
 
 def test_numbers_that_do_not_differ_have_no_panel() -> None:
@@ -374,6 +379,7 @@ def test_numbers_that_do_not_differ_have_no_panel() -> None:
     (axes,) = [axis for axis in xd.plot(study).axes if axis.get_visible()]
     assert axes.get_title(loc="left").startswith("z at t = 1 s")
     assert foot_of(study).endswith("; not drawn, as levels do not differ: y")
+    assert "grey" not in foot_of(study)
     assert foot_of(study.assign(y=study.y * np.nan)).endswith("dashed: order 2; without a value: y")
     left, right = axes.get_xlim()
     assert left <= 0.0625 < 0.25 <= right
@@ -406,3 +412,42 @@ def test_units_in_titles_are_typeset() -> None:
     titles = [axes.get_title(loc="left") for axes in xd.plot(found).axes]
     (area,) = (title for title in titles if title.startswith("phase_space_area"))
     assert area.endswith("m² s⁻¹")
+
+
+def test_a_ledger_of_one_method_shows_how_close_each_case_comes() -> None:
+    """Assert a dot for each residual over its bound, a failed one red, a circle where there is none, nothing where refused."""
+    names, verdicts = np.array([f"T[{k}]" for k in range(130)]), np.zeros(130, np.int8)
+    residuals, bounds = np.full(130, 2e-3), np.full(130, 1e-1)
+    residuals[1], verdicts[1] = 0.5, 1
+    residuals[2], bounds[2] = 0.0, 0.0
+    residuals[3], bounds[3], verdicts[3] = np.nan, np.nan, 2
+    ledger = xr.Dataset(
+        {
+            "case_name": ("case", names),
+            "case_method": ("case", np.full(130, "rk4")),
+            "residual": ("case", residuals),
+            "bound": ("case", bounds),
+            "verdict": ("case", verdicts, {"flag_values": [0, 1, 2], "flag_meanings": "passed failed refused"}),
+        }
+    )
+    figure, axes = plt.subplots()
+    panels_of_ledger(ledger)[0](axes)
+    sound, failed, none = axes.lines[1:]
+    assert np.array_equal(sound.get_xdata(), np.full(127, 0.02))
+    assert (failed.get_xdata().tolist(), failed.get_ydata().tolist()) == ([5.0], [1.5])
+    assert none.get_ydata().tolist() == [2.5]
+    assert len(axes.get_yticks()) == 44
+    assert axes.get_ylim() == (130.0, 0.0)
+    plt.close(figure)
+
+
+def test_a_fit_to_few_times_says_that_its_line_is_straight_between() -> None:
+    """Assert the word in the legend, and none of it where there are many times."""
+    for count, label in ((4, "fitted model, straight between the times"), (200, "fitted model")):
+        at = np.linspace(0.0, 1.0, count)
+        columns = {name: ("at", at, {"units": "m"}) for name in ("y", "measured_y", "residual_y")}
+        fit = xr.Dataset({**columns, "at_time": ("at", at, {"units": "s"})})
+        figure, axes = plt.subplots()
+        panels_of_fit(fit)[0](axes)
+        assert [text.get_text() for text in axes.get_legend().get_texts()] == ["measured", label]
+        plt.close(figure)

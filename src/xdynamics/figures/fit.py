@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 RESIDUAL, MEASURED, DOUBT, OF_EVENTS = "residual_", "measured_", "measured_uncertainty_", "event_time_"
+FEW = 100  # times, between which straight lines are seen
 
 
 def panels_of(fit: xr.Dataset) -> list[Panel]:
@@ -51,9 +52,8 @@ def _values(fit: xr.Dataset, name: str, axes: Axes) -> None:
         measured, computed = fit[f"{MEASURED}{name}"].values[rows], fit[name].values[rows]
         label = f"measured, {fit['record_name'].values[record]}" if "record_name" in fit else "measured"
         axes.plot(along, measured, ".", markersize=4, color=COLOURS[1 + record % (len(COLOURS) - 1)], label=label)
-        axes.plot(
-            along[order], computed[order], color=COLOURS[0], linewidth=1.0, label=None if record else "fitted model"
-        )
+        fitted = "fitted model" + ", straight between the times" * (along.size < FEW and not name.startswith(OF_EVENTS))
+        axes.plot(along[order], computed[order], color=COLOURS[0], linewidth=1.0, label=None if record else fitted)
     _label_across(fit, name, axes)
     axes.set(ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name), loc="left", fontsize=10)

@@ -16,24 +16,56 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHADES = ("#dfe7f2", "#b9cce4", "#8fb0d6")  # of a residual far below its bound, near it, close to it
-FAILED, REFUSED = "#c8452f", "#f1f1f1"
+FAILED, REFUSED, SOUND = "#c8452f", "#f1f1f1", "#3a6ea5"
 UPRIGHT = 6  # methods at most, whose names have room beside each other
 NEAR, CLOSE = 1e-3, 0.3  # residual over bound
+MOST_CALLED = 60  # cases that have room for their names
+FARTHEST = 1e3  # share that a residual is drawn at whose bound is 0
 
 
 def panels_of(ledger: xr.Dataset) -> list[Panel]:
-    """Return the panel that shows the ledger as a table."""
-    return [partial(_table, ledger)]
+    """Return the panel that shows the ledger as a table; of one method, how close each case comes to its bound."""
+    return [partial(_shares if _is_of_one(ledger) else _table, ledger)]
 
 
 def foot_of(ledger: xr.Dataset) -> str:
     """Count the verdicts and explain the colours."""
     verdicts = words_of(ledger["verdict"])
     summary = ", ".join(f"{verdicts.count(word)} {word}" for word in dict.fromkeys(verdicts))
+    if _is_of_one(ledger):
+        method = ledger["case_method"].values[0]
+        return f"{method}: {summary}; dashed: the bound; circles: no residual at all; red: failed; blank: refused"
     return (
         f"{summary}; from light to dark: residual below {NEAR:g}, below {CLOSE:g}, above {CLOSE:g} of its bound; red:"
         " failed; blank: refused"
     )
+
+
+def _is_of_one(ledger: xr.Dataset) -> bool:
+    """Whether all cases are by one method, and one of them at least was not refused."""
+    return len({*ledger["case_method"].values.tolist()}) == 1 and bool(np.isfinite(ledger["residual"].values).any())
+
+
+def _name_rows(names: list[str], axes: Axes) -> None:
+    """Name the rows of cases from the top down, or as many of them as have room."""
+    rows = range(0, len(names), -(-len(names) // MOST_CALLED))
+    axes.set_ylim(len(names), 0)
+    axes.set_yticks([row + 0.5 for row in rows], [words(names[row].replace(".", ": ")) for row in rows], fontsize=7)
+
+
+def _shares(ledger: xr.Dataset, axes: Axes) -> None:
+    """Draw residuals over their bounds on a logarithmic axis; those that are 0, which it lacks, as circles at its left end."""
+    residuals, bounds = ledger["residual"].values, ledger["bound"].values
+    shares = np.divide(residuals, bounds, out=np.where(residuals > 0.0, FARTHEST, residuals), where=bounds > 0.0)
+    rows, failed = np.arange(shares.size) + 0.5, np.array([word == "failed" for word in words_of(ledger["verdict"])])
+    drawn = shares > 0.0
+    least = min(shares[drawn].min(initial=1.0) / 3.0, 0.1)
+    axes.axvline(1.0, color="#555555", linewidth=1.2, linestyle="--")
+    for colour, chosen in ((SOUND, ~failed), (FAILED, failed)):
+        axes.plot(shares[drawn & chosen], rows[drawn & chosen], "o", color=colour, markersize=3.5)
+    axes.plot(*np.broadcast_arrays(least, rows[shares == 0.0]), "o", mfc="none", color=SOUND, markersize=3.5)
+    axes.set(xscale="log", xlabel="residual over its bound", xlim=(least / 1.5, 3.0 * shares[drawn].max(initial=1.0)))
+    _name_rows(ledger["case_name"].values.tolist(), axes)
 
 
 def _table(ledger: xr.Dataset, axes: Axes) -> None:
@@ -53,10 +85,10 @@ def _table(ledger: xr.Dataset, axes: Axes) -> None:
         colour = {"failed": FAILED, "refused": REFUSED}.get(verdict, shade)
         place = methods.index(str(method)), names.index(str(name))
         axes.add_patch(Rectangle(place, 1, 1, facecolor=colour, edgecolor="white", linewidth=0.8))
-    axes.set(xlim=(0, len(methods)), ylim=(len(names), 0))
+    axes.set(xlim=(0, len(methods)))
     turned = 90 if len(methods) > UPRIGHT else 0
     axes.set_xticks(np.arange(len(methods)) + 0.5, [words(label) for label in methods], rotation=turned, fontsize=7)
-    axes.set_yticks(np.arange(len(names)) + 0.5, [words(label.replace(".", ": ")) for label in names], fontsize=7)
+    _name_rows(names, axes)
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.grid(visible=False)

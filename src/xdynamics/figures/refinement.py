@@ -80,10 +80,20 @@ def foot_of(study: xr.Dataset) -> str:
         note += f"; {told}: {few(map(_said, groups))}" if groups else ""
     order = float(study.attrs["formal_order"])  # nan where no number that an error could be a power of is refined
     dashed = f"; dashed: order {order:g}" if np.isfinite(order) else ""
+    grey = (
+        f"; grey: elements that differ less than the {MOST_NAMED} named"
+        if any(map(_has_grey, _parted(study)[0]))
+        else ""
+    )
     return (
         "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it"
-        f" off, where that is not far below{dashed}{note}"
+        f" off, where that is not far below{dashed}{grey}{note}"
     )
+
+
+def _has_grey(group: list[str]) -> bool:
+    """Whether a panel has elements without names."""
+    return len(group) > max(MOST_ALONE, MOST_NAMED)
 
 
 def _said(group: list[str]) -> str:

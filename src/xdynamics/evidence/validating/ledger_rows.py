@@ -156,7 +156,7 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
             yield f"refused   {entry['name']} by {entry['method']}: {entry['note']}"
     counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
     methods = dict.fromkeys(str(entry) for entry in ledger["case_method"].values)
-    yield f"ledger    {len(words)} cases of {len(methods)} methods: {counts}"
+    yield f"ledger    {len(words)} cases of {len(methods)} method{'s' * (len(methods) > 1)}: {counts}"
 
 
 SUMMARIES = {"ledger": lines_of}
