@@ -50,6 +50,18 @@ def pulled(csv: str, dims: str = "bead") -> dict[str, Any]:
             "has no column 'a' and 2 more, .* 'x8 \\[N\\]' and 1991 more$",
         ),
         (
+            chain(initial={"u": {"unit": "m", "value": [1.0, 2.0, float("nan")]}}),
+            "initial value 'u': element 2, counted from 0: quantity nan is not finite",
+        ),
+        (
+            chain(observables={"o": "u[1:2]"}),
+            "has the character ':' at column 4; there are no slices: neighbours are shift",
+        ),
+        (
+            chain(observables={"o": "prod(u, bead)"}),
+            "function 'prod' is not known; .*of quantities with dimensions sum,",
+        ),
+        (
             chain(relations={"all": {"from": "site", "to": "site"}}),
             "relation 'all': links every element of 'site' with itself",
         ),

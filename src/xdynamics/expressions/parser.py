@@ -291,7 +291,12 @@ class _Reader(Tokens):
         if function in ALONG and function not in FUNCTIONS:
             return self._along(token, arguments)
         if function not in FUNCTIONS:
-            raise self.fault(column, f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}")
+            along = ", ".join(name for name in ALONG if name not in FUNCTIONS)
+            raise self.fault(
+                column,
+                f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}; of quantities with dimensions"
+                f" {along}",
+            )
         arity, got = FUNCTIONS[function], len(arguments)
         if got != arity and not (function in ("min", "max") and got > arity):
             raise self.fault(column, f"function '{function}' takes {arity} arguments, got {got}")

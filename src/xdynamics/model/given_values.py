@@ -174,7 +174,7 @@ def _turned(value: Any, shape: tuple[int, ...]) -> str:
 
 def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, ...], Unit]:
     """Return numbers in the unit that is given, else in that of the first."""
-    numbers = []
+    numbers: list[float] = []
     for entry in flat:
         if type(entry) is float and isfinite(entry):  # of a long list each is one
             numbers.append(entry)
@@ -182,7 +182,11 @@ def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, .
         entry = entry.item() if hasattr(entry, "item") else entry  # noqa: PLW2901 - a number of numpy
         if isinstance(entry, bool) or not isinstance(entry, str | int | float):
             raise InputError(f"value has {brief(entry)}, needs numbers, or numbers with a unit")
-        quantity = parse_quantity(entry)
+        try:
+            quantity = parse_quantity(entry)
+        except InputError as fault:
+            where = f"element {len(numbers)}, counted from 0: " if len(flat) > 1 else ""
+            raise InputError(f"{where}{fault}") from None
         if not isinstance(entry, str):
             numbers.append(entry if isinstance(entry, float) else float(entry))  # which may know more digits
             continue
