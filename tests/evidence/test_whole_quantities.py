@@ -250,9 +250,12 @@ def test_closed_forms_are_checked_and_read_without_their_elements(monkeypatch: p
     [
         ('expression = "1*second*index(site)"', "validation 'u': has units 's', needs 'm' of 'u'"),
         ('expression = "u"', "validation 'u': reads 'u', which is what is computed"),
-        ('expression = "1*metre"\nquantity = "u[e]"', "validation 'u': dimension 'site' has no element e"),
+        ('expression = "1*metre"\nquantity = "u[e]"', r"validation 'u': 'u\[e\]': dimension 'site' has no element e"),
         ('expression = "1*metre"\nevent = "passed"', "event 'passed' is one of each site; name one, like 'passed.a.'"),
-        ('expression = "1*metre"\nevent = "passed[e]"', "validation 'u': dimension 'site' has no element e"),
+        (
+            'expression = "1*metre"\nevent = "passed[e]"',
+            r"validation 'u': 'passed\[e\]': dimension 'site' has no element e",
+        ),
         (
             'expression = "1*metre"\nevent = "arrived[a]"',
             r"event 'arrived\[a\]' is none of the model's; there are passed",

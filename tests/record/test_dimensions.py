@@ -254,8 +254,8 @@ def test_single_elements_are_kept_where_nothing_happens(tmp_path):
     ("name", "said"),
     [
         ("r[Moon, x]", "r\\[Moon, x\\]': dimension 'body' has no element Moon; it has the labels Sun, Jupiter, Saturn"),
-        ("v_r[Sun]", "'v_r' needs a label along each of its dimensions, body, axis, and 1 were given"),
-        ("r[Sun, x, y]", "'r' needs a label along each of its dimensions, body, axis, and 3 were given"),
+        ("v_r[Sun]", "'v_r' needs an entry for each of its dimensions, body, axis, and 1 were given"),
+        ("r[Sun, x, y]", "'r' needs an entry for each of its dimensions, body, axis, and 3 were given"),
         ("rr[Sun, x]", r"log names 'rr\[Sun, x\]', which is no column of this run's log"),
     ],
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.fit_problem import OFFSET, SHARED, Asked, FittedNumber
 from xdynamics.evidence.comparing.measured import EVENT_TIMES, OCCURRENCES, measured
 from xdynamics.evidence.observables import comparable
-from xdynamics.faults import InputError, Ledger, brief, written
+from xdynamics.faults import InputError, Ledger, brief
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, check_model
 from xdynamics.record.element_attributes import elements_of, of_wholes
@@ -130,7 +130,7 @@ def names_of(model: Model, named: Any, what: str, *, some: bool = False) -> tupl
 
 def elements(model: Model, name: Any) -> list[Any]:
     """Return the elements of a quantity with dimensions; any other name is returned alone."""
-    return [*model.shapes.elements(written(name))] if isinstance(name, str) else [name]
+    return [*model.shapes.elements(model.shapes.inside(name))] if isinstance(name, str) else [name]
 
 
 def _record(

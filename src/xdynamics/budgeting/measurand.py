@@ -26,7 +26,6 @@ from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.record.named_elements import column, element_array, event_words
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
-from xdynamics.shapes.naming import written
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import SECONDS, Unit, parse_unit, time_in
 
@@ -83,7 +82,7 @@ class Target:
         InputError
             If the model has no such quantity or event, or not exactly one time or event is given.
         """
-        quantity, event = (written(name) if isinstance(name, str) else name for name in (quantity, event))
+        quantity, event = (model.shapes.inside(name) if isinstance(name, str) else name for name in (quantity, event))
         quantities, extremes = comparable(model), _extremes_of(model)
         if at is None and event is None and quantity in extremes:
             return cls(quantity, second=model.statement.time_unit.text)

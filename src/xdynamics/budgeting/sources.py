@@ -13,7 +13,6 @@ from xdynamics.budgeting.term import TERMS, Term
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.faults import InputError
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.naming import written
 from xdynamics.units import Unit
 
 if TYPE_CHECKING:
@@ -121,4 +120,4 @@ def _row(names: Any, shapes: Shapes, keyword: str) -> Collection[str] | None:
         return None
     if not isinstance(row, Collection) or not all(isinstance(name, str) for name in row):
         raise InputError(f"{keyword} is {str(names)[:60]!r}, needs names of terms, like ['roundoff']")
-    return [element for name in row for element in shapes.elements(written(name))]
+    return [element for name in row for element in shapes.elements(shapes.inside(name, f"{keyword} names"))]

@@ -141,10 +141,10 @@ def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "belo
 
 def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Sort changes into sections; a bare number stays a number, so that it takes the unit there."""
-    from xdynamics.faults import InputError, spoken, written
+    from xdynamics.faults import InputError, spoken
 
     sections: dict[str, dict[str, Any]] = {}
-    for name, text in ((written(given), text) for given, text in changes.items()):
+    for name, text in ((model.shapes.inside(given, "--set"), text) for given, text in changes.items()):
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
             raise InputError(

@@ -16,7 +16,6 @@ from xdynamics.model.linearisation import initial_state
 from xdynamics.model.motion import variables
 from xdynamics.record.partial_records import log_description
 from xdynamics.schema import STEPS
-from xdynamics.shapes import written
 from xdynamics.units import parse_unit
 
 
@@ -78,4 +77,4 @@ def replacements(model: Model, at: Mapping[str, Any] | None) -> dict[str, float]
         If one has a wrong name or unit.
     """
     replaced = model.replace(initial=at) if at else model
-    return {name: replaced.initial[name].si for name in map(written, at or ())}
+    return {name: replaced.initial[name].si for name in map(model.shapes.inside, at or ())}

@@ -38,7 +38,7 @@ from xdynamics.reaction_names import JOINT, constraint_force
 from xdynamics.record import check
 from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
-from xdynamics.shapes import parted, spoken, written
+from xdynamics.shapes import parted, spoken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,7 +196,7 @@ def _wanted(run: xr.Dataset, only: Sequence[str]) -> list[str]:
     """Return kinds of panels and names of variables, of a quantity with dimensions those of its elements."""
     drawable = {name for _, names, _ in _panels(run, Beside()) for name in names} | {*_others(run)}
     drawable |= {name for name in Turning(run).unseen if _drawn(run, name)}
-    elements, only = dict[str, list[str]](), [*map(written, only)]
+    elements, only = dict[str, list[str]](), [*map(lattice.shapes_of(run).inside, only)]
     for name in sorted(drawable):
         elements.setdefault(parted(name)[0], []).append(name)
     if unknown := [word for word in only if word not in (*KINDS, *drawable, *elements)]:

@@ -35,7 +35,7 @@ from xdynamics.model.switches import (
     landed_on_by_default,
     watched_switches,
 )
-from xdynamics.shapes.naming import spoken, written
+from xdynamics.shapes.naming import spoken
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
 FORCE_SAMPLES = ("all", "none")
@@ -120,13 +120,7 @@ def _log(model: Model, asked: Any) -> str | tuple[str, ...]:
     log = columns_of(asked)
     if isinstance(log, str):
         return log
-    names: dict[str, None] = {}
-    for name in log:
-        try:
-            names[model.shapes.by_label(name)] = None
-        except InputError as error:
-            raise InputError(f"log names '{name}': {error}") from None
-    return (*names,)
+    return (*dict.fromkeys(model.shapes.inside(name, "log names") for name in log),)
 
 
 def _default_log(model: Model) -> str:
@@ -200,7 +194,7 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         return Tolerances(relative, {}, units, number(atol, "atol"))
     # an element's own tolerance counts before that of its block, whichever is written first
     blocks = model.shapes.dims
-    named_inside = [(_element_inside(model, name), value) for name, value in atol.items()]
+    named_inside = [(model.shapes.inside(name, "atol names"), value) for name, value in atol.items()]
     if twice := [name for name, count in Counter(name for name, _ in named_inside).items() if count > 1]:
         raise InputError(
             f"atol names '{spoken(twice[0])}' twice, from the front and from the end; give it one tolerance"
@@ -212,20 +206,6 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
             raise InputError(f"atol names {name!r}; there are {_named(model)}")
     named = {name: _absolute(units[first], name, atol[name]) for name, first in firsts.items()}
     return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
-
-
-def _element_inside(model: Model, name: str) -> str:
-    """Return a key of atol as it is named inside: an element by its number from the front.
-
-    Raises
-    ------
-    InputError
-        If a dimension has no such element.
-    """
-    try:
-        return written(model.shapes.by_label(name))
-    except InputError as error:
-        raise InputError(f"atol names '{name}': {error}") from None
 
 
 def _named(model: Model) -> str:

@@ -9,7 +9,7 @@ from xdynamics.expressions import dimension_of, free_names
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.kinds import Kind
 from xdynamics.model.statement import Statement
-from xdynamics.shapes.naming import parted, written
+from xdynamics.shapes.naming import whole_of
 from xdynamics.units import Dimension, Quantity, parse_quantity, spell
 
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
@@ -58,7 +58,7 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
                 raise InputError(
                     f"reads '{computed[0]}', which is what is computed; a closed form is of t and parameters"
                 )
-            quantity, event = (parted(written(word))[0] for word in (form.quantity, form.event))
+            quantity, event = (whole_of(word) for word in (form.quantity, form.event))
             if event and event not in event_names:
                 raise InputError(
                     f"event '{form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"

@@ -16,7 +16,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
-from xdynamics.faults import DOT, InputError, Ledger, ModelError, few, written
+from xdynamics.faults import InputError, Ledger, ModelError, few
 from xdynamics.model.body_consistency import check_bodies, check_constants
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.constraint_consistency import check_constraints
@@ -32,6 +32,7 @@ from xdynamics.model.parts import ORIGIN, Controller, Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
 from xdynamics.schema import acceleration, velocity
+from xdynamics.shapes.naming import whole_of
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
 
 _ARGUMENTS = "an argument is of t, coordinates, velocities, states and parameters, like x or v*t"
@@ -224,8 +225,8 @@ def _check_action(
         statement.states
     )
     for target, node in event.reset.items():
-        quantity, dot, _ = written(target).partition(DOT)
-        if quantity in variables and (statement.extents or not dot):
+        quantity = whole_of(target)
+        if quantity in variables and (statement.extents or quantity == target):
             check_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[quantity])
         else:
             ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")

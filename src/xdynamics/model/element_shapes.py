@@ -18,7 +18,7 @@ from xdynamics.model.parts import (
 from xdynamics.model.statement import Statement
 from xdynamics.reaction_names import joint_force, joint_torque
 from xdynamics.schema import acceleration, rate, velocity
-from xdynamics.shapes import Shapes, dims_of, written
+from xdynamics.shapes import Shapes, dims_of
 from xdynamics.shapes.naming import spoken
 from xdynamics.units import Dimension
 
@@ -132,7 +132,7 @@ def _needed(
         for target, tree in event.reset.items():
             yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
     for name, form in statement.validation.items():
-        yield f"validation '{name}'", form.expression, own.get(written(form.quantity), ())
+        yield f"validation '{name}'", form.expression, own.get(form.quantity, ())
     for name, controller in statement.controllers.items():
         yield from ((f"controller '{name}': '{target}'", tree, ()) for target, tree in trees_of(controller))
     for name, contact in statement.contacts.items():

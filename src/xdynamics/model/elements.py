@@ -32,7 +32,7 @@ from xdynamics.model.parts import (
     Validation,
 )
 from xdynamics.model.statement import Statement
-from xdynamics.shapes import at, dims_of, gradient, written
+from xdynamics.shapes import at, dims_of, gradient
 from xdynamics.shapes.trees import expanded, total
 
 Part = TypeVar("Part")
@@ -72,9 +72,13 @@ class Elements(ElementNumbers):
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
             validation=self._validation(),
-            correlations={(written(a), written(b)): value for (a, b), value in old.correlations.items()},
+            correlations={
+                (self.shapes.inside(a), self.shapes.inside(b)): value for (a, b), value in old.correlations.items()
+            },
             discrepancy={
-                element: part for name, part in old.discrepancy.items() for element in self._names(written(name))
+                element: part
+                for name, part in old.discrepancy.items()
+                for element in self._names(self.shapes.inside(name))
             },
             pictured=replace(
                 old.pictured,
@@ -212,14 +216,15 @@ class Elements(ElementNumbers):
     def _validation(self) -> dict[str, Validation]:
         """Return the closed forms of the elements of each quantity, which are named as it is and its elements are."""
         forms = self.statement.validation
-        dims = {name: self.shapes.dims.get(written(form.quantity), ()) for name, form in forms.items()}
+        dims = {name: self.shapes.dims.get(form.quantity, ()) for name, form in forms.items()}
         own = replace(self.shapes, dims=dims)
         return Elementwise(own, {name: partial(self._closed_form, form) for name, form in forms.items()})
 
     def _closed_form(self, form: Validation, place: Place) -> Validation:
         """Return the closed form of an element of its quantity."""
-        element = self.shapes.element(written(form.quantity), place)
-        return replace(form, quantity=element, expression=self._at(form.expression, place), event=written(form.event))
+        element = self.shapes.element(self.shapes.inside(form.quantity), place)
+        event = self.shapes.inside(form.event)
+        return replace(form, quantity=element, expression=self._at(form.expression, place), event=event)
 
     def _at_keys(self, part: Any, keys: tuple[str, ...], place: Place) -> dict[str, Any]:
         trees = {key: getattr(part, key) for key in keys}

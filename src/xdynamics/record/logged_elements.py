@@ -130,24 +130,13 @@ def check_logged(log: Sequence[str], available: Sequence[Column], shapes: Shapes
             continue
         dims = next((column.variable.dims[1:] for column in available if column.variable.name == whole), ())
         if labels and dims:
-            raise InputError(f"log names '{spoken(name)}': {_no_element(labels, dims, whole, shapes)}")
+            shapes.inside(spoken(name), "log names")  # refuses what the model has not
+            raise InputError(f"log names '{spoken(name)}': '{whole}' is not recorded of it")
         meant = near(spoken(name), quantities).partition("; there are")[0]
         raise InputError(
             f"log names '{spoken(name)}', which is no column of this run's log{meant}; there are {few(quantities)}"
         )
     return names
-
-
-def _no_element(labels: Sequence[str], dims: Sequence[str], whole: str, shapes: Shapes) -> str:
-    """Say why there is no element with these labels."""
-    if len(labels) != len(dims):
-        return f"'{whole}' needs a label along each of its dimensions, {', '.join(dims)}, and {len(labels)} were given"
-    for dim, label in zip(dims, labels, strict=True):
-        extent = shapes.extent(dim)
-        if extent.find(label) is None:
-            known = f"the labels {few(extent.labels)}" if extent.labels else f"the elements 0 to {extent.size - 1}"
-            return f"dimension '{dim}' has no element {label}; it has {known}"
-    return f"'{whole}' is not recorded of it"
 
 
 def is_by_rows(column: Column) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import product
@@ -17,6 +17,7 @@ from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
 
 _NUMBER = re.compile(r"-?[0-9]{1,12}")
+_ELEMENT = re.compile(r"(\w+)\[([^\[\]]*)\]")  # as people write it, with whatever between its brackets
 _COMPARED = 1000  # labels among which a like one is looked for
 
 
@@ -56,6 +57,17 @@ class Extent:
         alike = get_close_matches(str(entry), self.labels[:_COMPARED], n=1)
         meant = f"; did you mean {alike[0]}?" if alike else ""
         raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}{meant}")
+
+    def number_of(self, label: str) -> int:
+        """Return the number of the element that a text names: by its label, or by a number as `number` takes it.
+
+        Raises
+        ------
+        InputError
+            If there is no such element.
+        """
+        found = self.find(label)
+        return self.number(int(label) if _NUMBER.fullmatch(label) else label) if found is None else found
 
     def find(self, label: str) -> int | None:
         """Return the number of the element that has a label, or its number as one; None if there is none."""
@@ -186,14 +198,11 @@ class Shapes:
         InputError
             If there is no such element.
         """
-        quantity, labels = parted(written(name))
+        quantity, labels = parted(self.inside(name))
         dims = self.dims.get(quantity, ()) if labels else ()
-        if len(labels) != len(dims):
-            raise InputError(
-                f"'{name}' needs an entry for each dimension of '{quantity}': {', '.join(self.dims.get(quantity, ())) or 'it has none'}"
-            )
-        entries = [int(label) if label.isdecimal() else label for label in labels]
-        return quantity, {dim: self.extent(dim).number(entry) for dim, entry in zip(dims, entries, strict=True)}
+        if labels and not dims:
+            raise InputError(f"'{name}': '{quantity}' has no dimensions, and no elements")
+        return quantity, dict(zip(dims, numbers_of(quantity, labels, [*map(self.extent, dims)]), strict=True))
 
     def dims_at_end(self, name: str, count: int) -> tuple[str, ...]:
         """Return the dimensions of a name in a record, like ``error_v_u``: of the longest name at its end that has so many."""
@@ -202,35 +211,42 @@ class Shapes:
         of_ends = (self.dims.get(end, ()) for end in ends)
         return next((dims for dims in of_ends if len(dims) == count), ())
 
-    def by_label(self, name: str) -> str:
-        """Return the name of an element with labels in place of numbers, which may count from the end, as in ``u[-1]``.
+    def inside(self, name: str, where: str = "") -> str:
+        """Return a name as it is named inside: an element by its labels, of which any may be given as a number.
 
-        What names no element of a quantity with dimensions stays as it is.
+        Numbers from -1 down count from the end, as in ``u[-1]``. What names no element of a quantity with dimensions stays
+        as it is, for the caller to refuse.
+
+        Parameters
+        ----------
+        name : str
+        where : str
+            Words before the name in the message of what is not there, as ``atol names``.
 
         Raises
         ------
         InputError
-            If a dimension has no such element.
+            If a dimension has no such element, or there is not one entry for each.
 
         Examples
         --------
         >>> shapes = Shapes({"site": Extent("site", 9)}, {}, {"u": ("site",)})
-        >>> shapes.by_label("u[-1]"), shapes.by_label("u[3]")
-        ('u·8', 'u[3]')
+        >>> shapes.inside("u[-1]"), shapes.inside("maximum_v_u[3]"), shapes.inside("u"), shapes.inside("k")
+        ('u·8', 'maximum_v_u·3', 'u', 'k')
         """
-        quantity, _, rest = name.partition("[")
-        labels = [label.strip() for label in rest.removesuffix("]").split(",")]
-        dims = self.dims_at_end(quantity, len(labels)) if rest.endswith("]") else ()
-        entries = [*zip(map(self.extent, dims), labels, strict=True)] if dims else []
-        if not any(_is_number(extent, label) for extent, label in entries):
-            return name
-        return element(
-            quantity,
-            (
-                extent.label(extent.number(int(label))) if _is_number(extent, label) else label
-                for extent, label in entries
-            ),
-        )
+        match = _ELEMENT.fullmatch(name)
+        if match is None:
+            return written(name)
+        labels = [label.strip() for label in match[2].split(",")] if match[2].strip() else []
+        dims = self.dims_at_end(match[1], len(labels))
+        if not (dims := dims or self.dims.get(match[1], ())):
+            return written(name)
+        extents = [self.extent(dim) for dim in dims]
+        try:
+            numbers = numbers_of(match[1], labels, extents)
+        except InputError as error:
+            raise InputError(f"{where} '{name}': {error}".lstrip()) from None
+        return element(match[1], (extent.label(number) for extent, number in zip(extents, numbers, strict=True)))
 
     def first(self, name: str) -> str:
         """Return the name of the first element of a quantity."""
@@ -286,9 +302,20 @@ def place_of_element(name: str, extents: tuple[Extent, ...]) -> tuple[int, ...] 
     return None if None in numbers else numbers  # type: ignore[return-value]
 
 
-def _is_number(extent: Extent, label: str) -> bool:
-    """Whether an entry is a number that is not the name of an element by itself."""
-    return extent.find(label) is None and _NUMBER.fullmatch(label) is not None
+def numbers_of(quantity: str, labels: Sequence[str], extents: Sequence[Extent]) -> list[int]:
+    """Return the numbers along its dimensions of the element of a quantity with some labels, or numbers in their place.
+
+    Raises
+    ------
+    InputError
+        If there is not one entry for each dimension, or a dimension has no such element.
+    """
+    if len(labels) != len(extents):
+        dims = ", ".join(extent.name for extent in extents)
+        raise InputError(
+            f"'{quantity}' needs an entry for each of its dimensions, {dims}, and {len(labels)} were given"
+        )
+    return [extent.number_of(label) for extent, label in zip(extents, labels, strict=True)]
 
 
 def number_of_element(name: str, extents: tuple[Extent, ...]) -> int | None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from xdynamics.faults import DOT, spoken, written
 
-__all__ = ["DOT", "element", "parted", "spoken", "written"]
+__all__ = ["DOT", "element", "parted", "spoken", "whole_of", "written"]
 
 
 def element(name: str, labels: Iterable[str]) -> str:
@@ -22,6 +22,17 @@ def element(name: str, labels: Iterable[str]) -> str:
     ('r·Jupiter·x', 'g')
     """
     return DOT.join([name, *labels])
+
+
+def whole_of(name: str) -> str:
+    """Return the quantity's name, of an element as it is named inside or as people write it.
+
+    Examples
+    --------
+    >>> whole_of("v_u·3"), whole_of("v_u[-1]"), whole_of("g")
+    ('v_u', 'v_u', 'g')
+    """
+    return name.partition(DOT)[0].partition("[")[0]
 
 
 def parted(name: str) -> tuple[str, tuple[str, ...]]:

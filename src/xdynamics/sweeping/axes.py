@@ -146,7 +146,7 @@ def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     ledger, axes = Ledger(f"the axes of a sweep of '{model.name}'"), []
     for name, values in entries.items():
         with ledger.entry(f"axis {name!r}"):
-            axes.append(_axis(model, _said(str(name)), values))
+            axes.append(_axis(model, spoken(model.shapes.inside(str(name))), values))
     ledger.raise_faults()
     _check_once(axes)
     if len(axes) > MOST_AXES:
@@ -196,8 +196,8 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
         declared = model.uncertain | {
             f"{FOR_INITIAL}{name}": entry for name, entry in model.starts.items() if entry.uncertainty > 0
         }
-        draws = replace(draws, ranges=_declared_names(draws.ranges, declared))
-    points, names, columns = draws.points(), [*map(written, draws.ranges)], []
+        draws = replace(draws, ranges=_declared_names(map(model.shapes.inside, draws.ranges), declared))
+    points, names, columns = draws.points(), [*map(model.shapes.inside, draws.ranges)], []
     if draws.design == DECLARED:
         offsets = deviations(
             [spread for name in names if (spread := declared[name].spread)],
@@ -214,7 +214,7 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
                 )
             )
         return tuple(columns)
-    ends = {written(name): pair for name, pair in draws.ends.items()}
+    ends = {model.shapes.inside(name): pair for name, pair in draws.ends.items()}
     for i, name in enumerate(names):
         column = range_of(model, name, ends[name])
         low, high = column.values.tolist()
@@ -225,7 +225,7 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
 def _declared_names(given: Iterable[str], declared: Mapping[str, Any]) -> list[str]:
     """Return names as they are inside, those of all elements for that of a quantity with dimensions."""
     found = dict[str, None]()
-    for name in map(written, given):
+    for name in given:
         own = [name] if name in declared else [entry for entry in declared if parted(entry)[0] == name]
         if not own:
             raise InputError(
@@ -261,15 +261,12 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     InputError
         If the name cannot vary, or a value cannot be used.
     """
-    name = model.shapes.by_label(name)
+    name = model.shapes.inside(name)
     if name in model.parameters:
         return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, _said(name))
     if (whole := _whole(model, name, values)) is not None:
         return whole
-    element = written(name)
-    if element in model.parameters:
-        return _quantities(element, PARAMETER, values, model.parameters[element].quantity.unit, _said(name))
-    initial = element.removeprefix(FOR_INITIAL)
+    initial = name.removeprefix(FOR_INITIAL)
     if initial in model.initial:
         kind = START if initial == "t" else INITIAL
         return _quantities(initial, kind, values, model.initial[initial].unit, _said(name))

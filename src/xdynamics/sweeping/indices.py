@@ -19,7 +19,6 @@ from xdynamics.model.parts import Parameter
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.named_elements import element_array, find_column
-from xdynamics.shapes.naming import written
 from xdynamics.sweeping.axes import AxisColumn, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
@@ -89,11 +88,12 @@ def sobol_indices(
     check_model(model)
     _check(ranges, draws, resamples)
     spans: dict[str, AxisColumn | Parameter]
+    named = [model.shapes.inside(str(name)) for name in ranges]
     if isinstance(ranges, Mapping):
-        spans = {written(str(name)): _span(model, written(str(name)), ends) for name, ends in ranges.items()}
+        spans = {name: _span(model, name, ends) for name, ends in zip(named, ranges.values(), strict=True)}
     else:
-        spans = {(one := written(str(name))): _declared(model, one, [*map(written, ranges)]) for name in ranges}
-    quantity = written(quantity)
+        spans = {name: _declared(model, name, named) for name in named}
+    quantity = model.shapes.inside(quantity)
     sweep = _swept(model, spans, quantity, draws, seed, settings)
     elements = {str(dim): sweep.sizes[dim] for dim in sweep[quantity].dims[1:]}
     request = IndicesRequest(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples, elements)

@@ -23,7 +23,7 @@ from xdynamics.record.run_columns import named_columns
 from xdynamics.record.switches import shapes_with_switches
 from xdynamics.schema import AT, OCCURRENCE, flags
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.naming import DOT, parted, written
+from xdynamics.shapes.naming import DOT, parted
 from xdynamics.sweeping.ensemble_records import Harvest
 from xdynamics.sweeping.extrema import NO_RULE, extremes
 from xdynamics.units import SECONDS, Unit, time_in
@@ -167,7 +167,9 @@ class _WordReader:
             *self.layout.reactions,
         )  # what states inside steps are computed from
         self.loads = {*self.layout.loads, *joint_reactions(model.joints)}  # they have extremes too
-        self.words = tuple(one for word in map(written, keeping.words) for one in self._one_by_one(word))
+        self.words = tuple(
+            one for word in keeping.words for one in self._one_by_one(self.shapes.inside(word, "keep has"))
+        )
 
     def _one_by_one(self, word: str) -> tuple[str, ...]:
         """Return a word of a quantity as those of its elements, where it is not read whole."""

@@ -25,7 +25,6 @@ from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import AT, AT_TIME, GIVEN_STEP, ROOT_DIGEST
-from xdynamics.shapes.naming import written
 from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
@@ -91,7 +90,7 @@ def open_logs(
     if folder is None:
         raise InputError("it is not known where the runs of the sweep are: open it by open_sweep")
     model = plan.grid.model
-    chosen = expanded(map(written, names or model.units), model.units, model.shapes)
+    chosen = expanded(map(model.shapes.inside, names or model.units), model.units, model.shapes)
     if unknown := [name for name in chosen if name not in model.units]:
         raise InputError(f"names have '{unknown[0]}'; there are {', '.join(of_wholes(model.units))}")
     if times is None and not plan.keeping.times.size:

@@ -53,7 +53,10 @@ def test_each_element_may_set_another_one() -> None:
     ("target", "message"),
     [
         ({"v_u[7]": "0*metre/second"}, "dimension 'site' has no element 7; it has the elements 0 to 3"),
-        ({"v_u[0, 1]": "0*metre/second"}, r"'v_u\[0, 1\]' needs an entry for each dimension of 'v_u': site"),
+        (
+            {"v_u[0, 1]": "0*metre/second"},
+            r"'v_u\[0, 1\]': 'v_u' needs an entry for each of its dimensions, site, and 2 were given",
+        ),
         ({"v_u[2]": "0*metre"}, r"sets 'v_u\[2\]' has units 'm', needs 'm s-1'"),
         ({"v_u[2]": "v_u"}, "'v_u' has the dimension 'site', and it needs none"),
         ({"v_u[2]": "-v_u[2]", "v_u": "-v_u"}, r"sets 'v_u', and 'v_u\[2\]' too; give each element one value"),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, Ledger, written
+from xdynamics.faults import InputError, Ledger
 from xdynamics.model.csv_sheet import Sheet, Title, name_of_title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
+_Known = Sequence[str] | None
+_Titles = tuple[dict[int, Title], tuple[str, ...]]
 _OF_ELEMENT = re.compile(r"\s*(u\()?(\w+\[[^\[\]]*\])")
 TIMES = ("time", "t")
 EVENT_TIMES, OCCURRENCES = "event_time_", "occurrence"  # columns of a table of events: one row is an occurrence
@@ -130,14 +132,14 @@ def measured(
     if hasattr(source, "to_frame") and not hasattr(source, "columns"):
         source = source.to_frame()  # a Series of pandas
     if isinstance(source, str | Path):
-        data = _of_file(Path(source), known, said, skip=gaps == SKIP)
+        data = _of_file(Path(source), known, shapes, said, skip=gaps == SKIP)
     elif said not in (AS_IT_IS, Reading(time_zero=said.time_zero)):
         raise InputError(
             f"{', '.join(reading or {})} say how a file is read, and the data are a {type(source).__name__}"
         )
     elif hasattr(source, "columns") or (isinstance(source, Mapping) and not hasattr(source, "data_vars")):
         columns = columns_of(source)
-        data = _counted(_of_columns("the DataFrame", columns, known, skip=gaps == SKIP), said)
+        data = _counted(_of_columns("the DataFrame", columns, known, shapes, skip=gaps == SKIP), said)
     else:
         data = _of_dataset(_of_elements(_of_array(source), shapes), known, said)
     if data.clock.dimension != clock.dimension:
@@ -175,12 +177,12 @@ def _of_array(source: Any) -> Any:
     return source.to_dataset(name=source.name).assign_attrs()
 
 
-def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip: bool) -> Measured:
+def _of_file(path: Path, known: _Known, shapes: Shapes, reading: Reading, *, skip: bool) -> Measured:
     """Read the columns of a file, which may be an instrument's."""
     text = FileAccess(path.parent, ANYWHERE).text_of(path.name)
     try:
         sheet = Sheet.of(path.name, as_table(path.name, text, reading))
-        named = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known) if sheet.has_titles else None
+        named = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known, shapes) if sheet.has_titles else None
     except InputError as error:
         begin = " / ".join(shown(line) for line in text.split("\n")[:3] if line.strip())
         raise InputError(f"{error}; the file begins {begin}; {REMEDY}" if begin else str(error)) from None
@@ -207,9 +209,9 @@ def _without_titles(sheet: Sheet, known: Sequence[str] | None) -> str:
     )
 
 
-def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | None, *, skip: bool) -> Measured:
+def _of_columns(name: str, columns: Mapping[str, Any], known: _Known, shapes: Shapes, *, skip: bool) -> Measured:
     """Read columns by their headers, ``y [mm]`` and ``u(y) [mm]``."""
-    titles, left_out = _titles(name, tuple(columns), known)
+    titles, left_out = _titles(name, tuple(columns), known, shapes)
     cells = [np.asarray(column) for column in columns.values()]
     if skip:
         complete = ~np.any([np.isnan(cells[k]) for k in titles if cells[k].dtype.kind == "f"], axis=0)
@@ -222,11 +224,11 @@ def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | No
     return _sorted_out(name, columns_read, left_out)
 
 
-def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tuple[dict[int, Title], tuple[str, ...]]:
+def _titles(name: str, header: Sequence[str], known: Sequence[str] | None, shapes: Shapes) -> _Titles:
     """Return the wanted columns by position, and the names of those that are left out."""
     ledger, left_out = Ledger(name), []
     titles: dict[int, Title] = {}
-    header = [_element(cell, known or ()) for cell in header]
+    header = [_element(cell, known or (), shapes) for cell in header]
     names = [name_of_title(cell) for cell in header]
     bares = [match["name"] if (match := _UNCERTAINTY.fullmatch(name)) else name for name in names]
     for k, (cell, own, bare) in enumerate(zip(header, names, bares, strict=True)):
@@ -242,23 +244,25 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
             titles[k] = heading
     ledger.raise_faults()
     if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
-        raise InputError(
-            f"{name}: column '{left_out[0]}' is no quantity of the model, which has {', '.join(of_wholes(known))}{_felt(left_out)}"
-        )
+        raise _all_left_out(f"{name}: column", left_out, known)
     return titles, tuple(left_out)
 
 
-def _felt(left_out: Sequence[str]) -> str:
-    """Return how an acceleration is measured, if a column is one."""
-    if not any("acceleration" in name.lower() or name.startswith("a_") for name in left_out):
-        return ""
-    return '; an acceleration is measured as an observable: [observables] felt = { expression = "a_x", unit = "m s-2" }'
+def _all_left_out(what: str, left_out: Sequence[str], known: Sequence[str]) -> InputError:
+    """Return the error that nothing is of the model, with how an acceleration is measured, if one is."""
+    felt = '; an acceleration is measured as an observable: [observables] felt = { expression = "a_x", unit = "m s-2" }'
+    is_felt = any("acceleration" in name.lower() or name.startswith("a_") for name in left_out)
+    return InputError(
+        f"{what} '{left_out[0]}' is no quantity of the model, which has {', '.join(of_wholes(known))}{felt * is_felt}"
+    )
 
 
-def _element(cell: str, known: Sequence[str]) -> str:
+def _element(cell: str, known: Sequence[str], shapes: Shapes) -> str:
     """Return a header with the element that it begins with, if it is a known one, as it is named inside."""
-    match = _OF_ELEMENT.match(cell)
-    return f"{match[1] or ''}{written(match[2])}{cell[match.end() :]}" if match and written(match[2]) in known else cell
+    with suppress(InputError):  # of an element that the model has not: its column is left out
+        if (match := _OF_ELEMENT.match(cell)) and (name := shapes.inside(match[2])) in known:
+            return f"{match[1] or ''}{name}{cell[match.end() :]}"
+    return cell
 
 
 def _of_elements(source: Any, shapes: Shapes) -> Any:
@@ -307,10 +311,7 @@ def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> M
         )
     ledger.raise_faults()
     if known is not None and left_out and not {*columns} & {*known}:
-        raise InputError(
-            f"the Dataset: variable '{left_out[0]}' is no quantity of the model, which has"
-            f" {', '.join(of_wholes(known))}{_felt(left_out)}"
-        )
+        raise _all_left_out("the Dataset: variable", left_out, known)
     return _counted(_sorted_out(f"the Dataset{remark}", columns, tuple(left_out)), reading)
 
 

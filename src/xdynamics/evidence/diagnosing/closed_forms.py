@@ -16,7 +16,6 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.schema import STEPS
-from xdynamics.shapes.naming import written
 from xdynamics.shapes.trees import at, dims_of, prepared
 
 Floats = NDArray[np.float64]
@@ -64,7 +63,7 @@ def _closed_forms(rows: Chunks, name: str, text: str) -> Iterator[tuple[str, str
         If there is no such quantity, or the expression cannot be read, reads anything but time and parameters, or has
         another dimension.
     """
-    model, whole = rows.model, written(name)
+    model, whole = rows.model, rows.model.shapes.inside(name)
     shapes = model.shapes
     places = shapes.places(shapes.dims.get(whole, ()))
     elements = [(shapes.element(whole, place), place) for place in places]

@@ -33,7 +33,7 @@ from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
-from xdynamics.faults import InputError, written
+from xdynamics.faults import InputError
 from xdynamics.record import check, check_kind, shapes_of, unfold
 from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.named_elements import column
@@ -150,7 +150,6 @@ def diagnose(
     check_every_column(run.attrs, "a diagnosis")
     if reference is not None or lyapunov is not False:
         check_whole(run)  # cycles are counted, and changes followed, from the start
-    of = of if of is None else written(of)
     request = DiagnosisRequest(
         of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences")
     )
@@ -227,7 +226,8 @@ def _dataset(
     steps, remade = continuity(rows, functions)
     rule: dict[str, Any] = {"continuity_rule": remade}
     units = ""
-    counted = counted_cycles(rows, request.of, request.level, functions)
+    of = request.of and rows.model.shapes.inside(request.of)
+    counted = counted_cycles(rows, of, request.level, functions)
     variables |= dict(conserved(rows, counted, functions))
     if counted is not None:
         ideal, source = reference_times(rows, counted, request.reference, tighter, exact_run, functions)

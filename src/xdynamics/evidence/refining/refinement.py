@@ -196,7 +196,7 @@ def _states(model: Model) -> tuple[str, ...]:
 
 def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of observables, refusing those that the model does not have."""
-    asked = [written(name) for name in ([names] if isinstance(names, str) else names)]
+    asked = [model.shapes.inside(name) for name in ([names] if isinstance(names, str) else names)]
     whole = {name for name in asked if is_observable(model, name)}
     if whole >= {*asked}:  # elements whose quantity is asked for are in it
         return tuple(name for name in dict.fromkeys(asked) if parted(name)[0] not in whole - {name})
@@ -216,7 +216,9 @@ def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, floa
     """Read the tolerated change of each number, in its unit."""
     if until_change and not study.levels.ordered:
         raise InputError(f"until_change goes on with finer levels, and {study.levels.varied.keyword} have none")
-    names = {written(name): wanted for name, wanted in until_change.items()}
+    names = {
+        study.levels.model.shapes.inside(name, "until_change names"): wanted for name, wanted in until_change.items()
+    }
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
     units |= {number.name: number.units for number in numbers_named(study, names)} if until_change else {}
     tolerances = {}

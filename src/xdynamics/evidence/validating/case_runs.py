@@ -36,7 +36,7 @@ from xdynamics.schema import AT, STEPS, acceleration, velocity
 from xdynamics.shapes import Extent, at
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.evaluation import evaluate_elements
-from xdynamics.shapes.naming import element, parted, written
+from xdynamics.shapes.naming import element, parted
 from xdynamics.units import Quantity, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
@@ -284,7 +284,7 @@ class CaseRuns:
 
     def _observed_together(self, case: Validation) -> Iterable[str]:
         """Return the names that values of a closed form are asked for by: its quantity, or elements."""
-        block = Block.of(written(case.quantity), "", self.model.shapes)
+        block = Block.of(self.model.shapes.inside(case.quantity), "", self.model.shapes)
         return [block.name] if block.size > MOST_ALONE and is_observable(self.model, block.name) else block.elements()
 
     def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:

@@ -25,7 +25,6 @@ from xdynamics.model.parts import Validation
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.shapes.blocks import Block
-from xdynamics.shapes.naming import written
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -275,10 +274,10 @@ class Case:
     def _closed_forms(self) -> Iterator[tuple[str, Validation, int]]:
         """Yield closed forms by their names, and for how many elements each is: of many together, of few one by one."""
         for name, form in self.model.shaped.validation.items():
-            quantity = written(form.quantity)
+            quantity, event = map(self.model.shapes.inside, (form.quantity, form.event))
             block = Block.of(quantity, "", self.model.shapes)
             if block.size > MOST_ALONE:
-                yield name, replace(form, quantity=quantity, event=written(form.event)), block.size
+                yield name, replace(form, quantity=quantity, event=event), block.size
             else:
                 names = block._replace(name=name).elements()
                 yield from ((one, self.model.validation[one], 1) for one in names)

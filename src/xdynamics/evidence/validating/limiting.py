@@ -27,7 +27,6 @@ from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.named_elements import column
 from xdynamics.schema import AT, AT_TIME, LEVEL
-from xdynamics.shapes.naming import written
 from xdynamics.units import Unit, parse_quantity, time_in, unit_suffix
 
 Floats = NDArray[np.float64]
@@ -126,14 +125,18 @@ def limiting(
     >>> found.approached_x1.values.tolist(), round(float(found.order_x1[-1, 0]), 2)
     ([1], 1.0)
     """
-    parameter = written(parameter)
+    parameter = model.shapes.inside(parameter)
     unit, numbers, end = _values(model, parameter, values, limit)
     times = wanted_times(
         [time_in(model.time_unit, item, "at") for item in ([at] if isinstance(at, str | float | int) else at)]
     )
     requested = [observables] if isinstance(observables, str) else observables
     available = observables_of(model)
-    names = tuple(model.units) if requested is None else expanded(map(written, requested), available, model.shapes)
+    names = (
+        tuple(model.units)
+        if requested is None
+        else expanded(map(model.shapes.inside, requested), available, model.shapes)
+    )
     approach = Approach(model, parameter, unit, numbers, end, times, names)
     settings = {"force_samples": "none"} | asked
     marches = tuple(march_task(item, **settings) for item in approach.models)
