@@ -16,6 +16,7 @@ OTHER_LETTERS = {
     "archive": 1,
     "cli": 1,
     "documenting": 1,
+    "evidence": 1,
     "figures": 4,
     "kernels": 3,
     "methods": 2,

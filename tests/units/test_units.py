@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cache
 
+import cf_units
 import numpy as np
 import pint
 import pytest
@@ -18,7 +19,9 @@ from xdynamics.units import (
     ENERGY,
     NONE,
     NUMBERS,
+    PREFIX,
     SECONDS,
+    SPELLING,
     Dimension,
     Quantity,
     Range,
@@ -33,6 +36,7 @@ from xdynamics.units import (
     time_in,
     unit_suffix,
 )
+from xdynamics.units.names import NO_PREFIX
 
 HOSTILE = [
     "9**9**9 m",
@@ -362,7 +366,7 @@ def test_prefixes_are_powers_of_ten(text: str, power: int) -> None:
     assert parse_unit(text).factor == Fraction(10) ** power
 
 
-@pytest.mark.parametrize("text", ["kmin", "mdegree", "kmile", "Eday", "kilopound", "m" * 41, "parsec", "Ym"])
+@pytest.mark.parametrize("text", ["kmin", "mdegree", "kmile", "Eday", "kilopound", "m" * 41, "parsec s", "Kim"])
 def test_units_that_have_no_place_in_a_record(text: str) -> None:
     """Assert that prefixed minutes, other prefixes and other units are not known."""
     with pytest.raises(InputError, match="is not known"):
@@ -378,3 +382,78 @@ def test_a_number_beyond_all_is_none() -> None:
         with pytest.raises(InputError, match="no number with a unit|not finite|does not start"):
             parse_quantity(text)
     assert str(parse_quantity("0.5 km/h")) == "0.5 km h-1"
+
+
+POWERS = dict(zip("QRYZEPTGMkh", (30, 27, 24, 21, 18, 15, 12, 9, 6, 3, 2), strict=True))
+POWERS |= {"da": 1, "": 0} | dict(
+    zip("dcmunpfazyrq", (-1, -2, -3, -6, -9, -12, -15, -18, -21, -24, -27, -30), strict=True)
+)
+
+
+def test_no_name_of_a_unit_reads_in_two_ways() -> None:
+    """Assert that each prefix before each unit is that power of ten of it, by symbol and by name, as UDUNITS reads it too."""
+    read = dict[str, tuple[str, str]]()
+    for prefix, symbol in PREFIX.items():
+        for unit, spelling in SPELLING.items():
+            if prefix and unit in NO_PREFIX:
+                continue
+            own = symbol + spelling
+            assert read.setdefault(own, (prefix, unit)) == (prefix, unit)
+            dimension, factor = (
+                parse_unit(spelling).dimension,
+                parse_unit(spelling).factor * Fraction(10) ** POWERS[symbol],
+            )
+            for name in (own, prefix + unit):
+                found = parse_unit(name)
+                assert (found.text, found.dimension, found.factor) == (own, dimension, factor)
+            assert coherent(parse_unit(own)).factor == 1
+            assert coherent(parse_unit(own)).dimension == dimension
+            size = (
+                cf_units.Unit(own).convert(1.0, cf_units.Unit(spell(dimension).text))
+                if dimension != NONE
+                else float(factor)
+            )
+            assert size == pytest.approx(float(factor), rel=1e-15, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [
+        ("1 light_year", 9_460_730_472_580_800),
+        ("1 ly", 299_792_458 * 31_557_600),
+        ("2.5 light-years", 23_651_826_181_452_000),
+        ("1 pc", 3.0856775814913673e16),
+        ("770 kpc", 2.3759717377483528e22),
+        ("1 Mpc", 3.0856775814913673e22),
+    ],
+)
+def test_astronomical_lengths_of_values(text: str, metres: float) -> None:
+    """Assert lengths of the IAU, which are kept in m; a parsec's digits are those of its resolution of 2015."""
+    quantity = parse_quantity(text)
+    assert (quantity.si, quantity.unit.text) == (metres, "m")
+    unit = text.split(maxsplit=1)[1]
+    with pytest.raises(
+        InputError, match=f"unit '{unit}' is for values alone, like '20 {unit}': they are kept in m; write 'm'"
+    ):
+        parse_unit(unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "3 Rm",
+            "unit 'Rm' is not known: UDUNITS has no prefix ronna, 1e27, .*; write the number in 'm', or with a prefix",
+        ),
+        ("3 quectogram", "no prefix quecto, 1e-30, .*; write the number in 'g'"),
+        (
+            "70 km/s/Mpc",
+            "unit 'Mpc' is not known in a product: .* like '20 parsec', and is kept in m; write 'm', 'km' or",
+        ),
+        ("1 ly/year", "unit 'ly' is not known in a product"),
+    ],
+)
+def test_what_records_cannot_spell_has_a_remedy(text: str, said: str) -> None:
+    """Assert that prefixes and lengths that UDUNITS has not are refused with what to write."""
+    with pytest.raises(InputError, match=said):
+        parse_quantity(text)

@@ -372,9 +372,10 @@ def _units() -> Iterator[str]:
     yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree',"
     yield "'2 kg m2 s-1', '1' for none."
     yield from folded(f"  units     {', '.join(SPELLING.values())}", 12)
-    yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
-    yield "  values    also in month (365.25/12 d), °C and °F, which are kept in d and K;"
-    yield "            year is the Julian one, of 365.25 d"
+    yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)};"
+    yield "            u is micro; R, Q, r, q are none of UDUNITS: write the power of ten in the number"
+    yield "  values    also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc),"
+    yield "            which are kept in d, K and m; year is the Julian one, of 365.25 d"
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"
 
 

@@ -23,7 +23,10 @@ SPELLING = {
     "pound": "lb", "force_pound": "lbf", "percent": "percent", "metric_ton": "tonne",
 }  # fmt: skip
 PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
-          "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f", "atto": "a", "peta": "P", "exa": "E"}  # fmt: skip
+          "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f", "atto": "a", "peta": "P", "exa": "E",
+          "zepto": "z", "yocto": "y", "zetta": "Z", "yotta": "Y", "deca": "da"}  # fmt: skip
+# prefixes of 2022 (27th CGPM, resolution 3), which UDUNITS cannot read: a record has no spelling for them
+_UNSPELLED = {"ronna": "1e27", "quetta": "1e30", "ronto": "1e-27", "quecto": "1e-30"}
 NO_PREFIX = ("minute", "hour", "day", "year", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton",
              "astronomical_unit")  # fmt: skip
 # unit names that are constants of the expression language: no number there is without a unit
@@ -33,6 +36,13 @@ CONSTANTS = ("metre", "meter", "second", "kilogram", "gram", "ampere", "kelvin",
 CALENDAR = ("year", "month")  # Julian, 365.25 days and a twelfth of that; constants too, unless a model has that name
 
 _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
+# lengths that values may be given in, m; UDUNITS has others under these names (9.46073e15 and 3.085678e16 m), so that they
+# have no place in a record: c times a Julian year (IAU, style manual, 1989), and 648000/pi au (IAU, 2015, resolution B2,
+# note 4), of which an au is 149597870700 m (IAU, 2012, resolution B2)
+LENGTHS_OF_VALUES = {
+    "light_year": Fraction(299_792_458 * 31_557_600),
+    "parsec": Fraction(648_000 * 149_597_870_700) / _PI,
+}
 # spelling of each unit constant, and what is not coherent with its factor: known here, so that a model in SI units
 # does not wait for pint's dictionary
 _SPELLED = dict(zip(CONSTANTS, ("m", "m", "s", "kg", "g", "A", "K", "mol", "cd", "rad", "degree", "N", "J", "W", "Pa", "Hz",
@@ -72,6 +82,23 @@ def _registry() -> Any:
     return pint.UnitRegistry(non_int_type=Fraction)
 
 
+def _remedy(readings: list[tuple[str, str]], fitting: list[tuple[str, str]]) -> str:
+    """Say what to write in the place of a unit that a record cannot spell."""
+    for prefix, unit in fitting:
+        if prefix in _UNSPELLED:
+            return (
+                f": UDUNITS has no prefix {prefix}, {_UNSPELLED[prefix]}, and a record could not spell it; write the number in"
+                f" '{SPELLING[unit]}', or with a prefix from y to Y"
+            )
+    for _, unit in readings:
+        if unit in LENGTHS_OF_VALUES:
+            return (
+                f" in a product: a value alone may be given in it, like '20 {unit}', and is kept in m; write 'm', 'km' or"
+                " 'astronomical_unit'"
+            )
+    return "; use SI names and symbols, like 'm', 'kg', 'degree'"
+
+
 @lru_cache(maxsize=512)
 def named(name: str) -> tuple[str, Dimension, Fraction]:
     """Look one unit name up: its spelling, dimension and exact SI factor.
@@ -89,10 +116,13 @@ def named(name: str) -> tuple[str, Dimension, Fraction]:
     if len(name) > 40:
         raise InputError(f"unit '{name[:40]}…' is not known")
     registry = _registry()
-    readings = registry.parse_unit_name(name)
-    prefix, unit, _ = readings[0] if readings else ("", "", "")
-    if unit not in SPELLING or prefix not in PREFIX or (prefix and unit in NO_PREFIX):
-        raise InputError(f"unit '{name}' is not known; use SI names and symbols, like 'm', 'kg', 'degree'")
+    readings = [(prefix, unit) for prefix, unit, _ in registry.parse_unit_name(name)]
+    fitting = [
+        (prefix, unit) for prefix, unit in readings if unit in SPELLING and (not prefix or unit not in NO_PREFIX)
+    ]
+    prefix, unit = next(((prefix, unit) for prefix, unit in fitting if prefix in PREFIX), ("", ""))
+    if not unit:
+        raise InputError(f"unit '{name}' is not known{_remedy(readings, fitting)}")
     factor, _ = registry.get_base_units(prefix + unit)
     powers = {
         "[mass]": "kg",

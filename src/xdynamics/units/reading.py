@@ -12,7 +12,7 @@ from typing import Any
 
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME
-from xdynamics.units.names import named
+from xdynamics.units.names import LENGTHS_OF_VALUES, named
 from xdynamics.units.rounded import Rounded, exact_value, read
 from xdynamics.units.unit import Quantity, Unit
 
@@ -30,6 +30,8 @@ _SIGNS = {
 }
 _RAISED = re.compile("(?<![⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])(?=[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])")
 _CELSIUS, _FAHRENHEIT, _MONTH = ("°C", "℃", "degC", "celsius", "Celsius"), ("°F", "℉", "degF"), ("month", "months")
+_LENGTH = re.compile(r"(?P<prefix>k|M|G|)(?:(?P<parsec>pc|parsecs?)|ly|light[-_ ]years?)")
+_THOUSANDS = {"": 0, "k": 1, "M": 2, "G": 3}
 _OF_TIME = "units of time are s, ms, us, min, h, day, month and year"
 _DAYS_OF_MONTH = Fraction("365.25") / 12
 _OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){unit}(?![A-Za-z])" for unit in _CELSIUS))
@@ -58,13 +60,18 @@ class Scale:
 
 
 def parse_scale(text: str) -> Scale:
-    """Read a unit, or a scale with an offset: ``°C``, ``°F``; ``month`` is a twelfth of a Julian year.
+    """Read a unit, or a scale that values alone are given on: ``°C``, ``°F``, ``month``, ``light_year``, ``Mpc``.
+
+    A month is a twelfth of a Julian year; a light-year is what light goes in one, 9460730472580800 m, and a parsec 648000/pi
+    astronomical units, as the International Astronomical Union has them (style manual, 1989; resolution B2, 2015, note 4).
 
     Examples
     --------
     >>> celsius = parse_scale("°C")
     >>> celsius.value(20.0), celsius.difference(0.5), celsius.unit.text
     (293.15, 0.5, 'K')
+    >>> parse_scale("ly").value(1.0), parse_scale("kpc").value(1.0)
+    (9460730472580800.0, 3.085677581491367e+19)
     """
     word = text.strip() if isinstance(text, str) else ""
     if word in _CELSIUS:
@@ -73,6 +80,9 @@ def parse_scale(text: str) -> Scale:
         return Scale(parse_unit("K"), Fraction(5, 9), Fraction("459.67") * Fraction(5, 9))
     if word in _MONTH:
         return Scale(parse_unit("d"), _DAYS_OF_MONTH)
+    if match := _LENGTH.fullmatch(word):
+        length = LENGTHS_OF_VALUES["parsec" if match["parsec"] else "light_year"]
+        return Scale(parse_unit("m"), length * 1000 ** _THOUSANDS[match["prefix"]])
     return Scale(parse_unit(text))
 
 
@@ -99,7 +109,7 @@ def parse_unit(text: str) -> Unit:
     stripped = text.strip()
     if not stripped:
         raise InputError("unit is empty; a pure number has the unit '1'")
-    if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH):
+    if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH) or _LENGTH.fullmatch(stripped):
         kept = parse_scale(stripped).unit.text
         raise InputError(
             f"unit {shown} is for values alone, like '20 {stripped}': they are kept in {kept}; write '{kept}'"
