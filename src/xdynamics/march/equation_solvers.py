@@ -13,7 +13,7 @@ from xdynamics.kernels.jacobian_pattern import band_as_written, is_compressed, p
 from xdynamics.kernels.jets.series import has_pairs
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
-from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
+from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY, SOLVED_WITH_LINKS
 from xdynamics.march.log import unwritten
 from xdynamics.march.run import EQUATIONS, Run
 from xdynamics.march.settings import Settings
@@ -126,12 +126,14 @@ def _newton_reported(_settings: Settings, _law: Law) -> dict[str, Any]:
     }
 
 
-def _simplified_reported(settings: Settings, _law: Law) -> dict[str, Any]:
+def _simplified_reported(settings: Settings, law: Law) -> dict[str, Any]:
+    linked = bool(law.layout.model.assemblies)
+    loosely = settings.adaptive and not linked
     return {
-        "solver_equations_solved_by": SOLVED_BY,
+        "solver_equations_solved_by": SOLVED_WITH_LINKS if linked else SOLVED_BY,
         "solver_jacobian": settings.jacobian,
-        "solver_newton_tolerance": SHARE if settings.adaptive else SETTLED,
-        "solver_newton_most_iterations": int(MOST_TURNS if settings.adaptive else MOST_SETTLING),
+        "solver_newton_tolerance": SHARE if loosely else SETTLED,
+        "solver_newton_most_iterations": int(MOST_TURNS if loosely else MOST_SETTLING),
     }
 
 

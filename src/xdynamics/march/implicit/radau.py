@@ -15,6 +15,7 @@ from xdynamics.kernels import radau_lines, step_control
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.assembly.closed_links import SCALE, X, closed_from, rows_of_closed
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
 from xdynamics.march.force_evaluation import State, evaluate, evaluate_held, keep_sample
 from xdynamics.march.implicit.derivatives import linearise, slope_apart
@@ -22,11 +23,18 @@ from xdynamics.march.implicit.transformed import factorise_both, solve_complex, 
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods import radau as constants
 
+_ITERATIONS = (
+    "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge;"
+)
+_SOURCE = "(Hairer, Wanner, Solving ODEs II, section IV.8)"
 SOLVED_BY = (
-    "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in"
-    " chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol"
-    " of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner,"
-    " Solving ODEs II, section IV.8)"
+    f"{_ITERATIONS} in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is"
+    " allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its"
+    f" unknown {_SOURCE}"
+)
+SOLVED_WITH_LINKS = (  # whose steps are solved to rounding, see `settles`
+    f"{_ITERATIONS} until what they lack is below the tolerance times the size of its unknown, which includes the"
+    f" velocity that the forces of closed contacts keep from bodies in the step {_SOURCE}"
 )
 # single numbers: numba would build tuples anew at every use
 C1, C2, _ = constants.NODES
@@ -37,7 +45,6 @@ MOST_TURNS = np.int64(constants.MOST_TURNS)  # no literal: numba compiles a copy
 MOST_SETTLING = np.int64(25)  # where the step is given
 SETTLED = 1e-15  # a correction relative to the size of its unknown, where the step is given
 ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
-PART = 1e-6  # of the largest unknown of a kind: what links hold is no size of its own, but rounding about zero
 NEAR = 1e-2  # below which the derivatives at an iterate serve the next ones too
 UNSOLVED_GROWTH = 0.5
 AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
@@ -164,7 +171,7 @@ def judged(run: Run, size: float, turn: int) -> int:
     """Judge an iteration by its corrections, the last of this size: DONE, IN_VAIN, or OPEN while it may converge."""
     kept, rtol = run.kept[0], run.plan[0].rtol
     tolerance, rounding, most = SETTLED, ROUNDING, MOST_SETTLING
-    if run.plan[0].adaptive:
+    if not settles(run):
         rounding, most = 10.0 * EPS / rtol, MOST_TURNS
         tolerance = max(0.05 * rounding, min(constants.SHARE, math.sqrt(rtol)))
     if not math.isfinite(size):
@@ -195,13 +202,34 @@ def moved_by(run: Run, i: int) -> float:
 
 
 @shared
-def largest_of_kinds(run: Run, h: float, y: State) -> None:
-    """Find the largest size of an unknown of each kind."""
-    for k in range(run.tops.shape[0] // 2):
+def settles(run: Run) -> bool:
+    """Whether steps are solved to rounding: given ones, and where links meet, as a gap is to pass through zero but once."""
+    return not run.plan[0].adaptive or run.plan[0].assemblies > 0
+
+
+@shared
+def held_of_kinds(run: Run, h: float) -> None:
+    """Find the largest velocity of each kind that the forces of closed links, just found, keep from bodies in the step.
+
+    What links hold has no size of its own but rounding about zero, and that is a share of the terms that cancel.
+    """
+    n = run.plan[0].coordinates
+    for k in range(run.tops.shape[0]):
         run.tops[k] = 0.0
-    for i in range(run.plan[0].used):
-        size = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved_by(run, i)
-        run.tops[run.kinds[i]] = max(run.tops[run.kinds[i]], size)
+    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
+        amount = h * run.vectors[X, row] * run.vectors[SCALE, row]
+        for i in range(run.normals.shape[1]):
+            kind = run.kinds[n + run.reads[row, i]]
+            run.tops[kind] = max(run.tops[kind], abs(run.replies[row, i] * amount))
+
+
+@shared
+def held_from(run: Run, h: float, i: int) -> float:
+    """Return what closed links keep from an unknown of the kind of this one in the step."""
+    n = run.plan[0].coordinates
+    if i < n:
+        return float(h * run.tops[run.kinds[n + i]])
+    return float(run.tops[run.kinds[i]]) if i < 2 * n else 0.0
 
 
 @compiled
@@ -264,18 +292,18 @@ def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> Non
 def correction(run: Run, h: float, y: State) -> float:
     """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown."""
     n, plan, largest = run.plan[0].used, run.plan[0], 0.0
-    held = not plan.adaptive and plan.assemblies > 0
+    held = plan.assemblies > 0 and run.closed[0] > 0
     if held:
-        largest_of_kinds(run, h, y)
+        held_of_kinds(run, h)
     for i in range(n):
         scale = run.atol[i] + plan.rtol * abs(y[i])
         moved = moved_by(run, i)
         if plan.follows and scale == 0.0:  # it was at rest: its move is the only scale
             scale = plan.rtol * moved
-        if not plan.adaptive:
+        if settles(run):
             scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
             if held:
-                scale = max(scale, PART * run.tops[run.kinds[i]])
+                scale += held_from(run, h, i)
         for k in range(3):
             change = abs(run.defects[k * n + i])
             if change != 0.0:
