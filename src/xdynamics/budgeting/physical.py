@@ -112,7 +112,7 @@ def _slopes(
 ) -> dict[str, Slope]:
     """Return the slope by every input: from variational equations where differences over its uncertainty agree.
 
-    Where they disagree, the response is not linear over the uncertainty, and the differences are used.
+    Where they disagree by more than rounding, the response is not linear over the uncertainty, and the differences are used.
     """
     by_differences = differences(measurand, names, rounding, numbers)
     try:
@@ -120,7 +120,7 @@ def _slopes(
     except NotVariedError as error:
         by_equations, why = {}, f"; no variational equations: {error}"
     slopes = {}
-    for name, (slope, off, shift, least) in by_differences.items():
+    for name, (slope, off, shift, least, unsure) in by_differences.items():
         exact = by_equations.get(name, slope)
         distance = abs(exact - slope)
         if not slope:
@@ -132,6 +132,8 @@ def _slopes(
             slopes[name] = Slope(slope, off, BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
         elif distance <= AGREED * abs(slope):
             slopes[name] = Slope(exact, distance, BY_EQUATIONS.format(shift, distance / abs(exact)))
+        elif distance <= unsure:
+            slopes[name] = Slope(exact, distance, BY_EQUATIONS_ALONE.format(shift))
         else:
             why = f"; the variational equations, of the smallest changes, give {exact:.3g}"
             slopes[name] = Slope(slope, max(off, distance), BY_DIFFERENCES.format(shift, off / abs(slope)) + why)
@@ -153,8 +155,10 @@ def copies(measurand: Measurand, names: Sequence[str], **settings: Any) -> xr.Da
 
 def differences(
     measurand: Measurand, names: Sequence[str], rounding: float, numbers: Floats
-) -> dict[str, tuple[float, float, float, float]]:
-    """Return for every input its slope from copies side by side, its error, the relative shift, and its rounding error.
+) -> dict[str, tuple[float, float, float, float, float]]:
+    """Return for every input its slope from copies side by side, its error, the relative shift, and two rounding errors.
+
+    The first of these is that of the numbers themselves, the second that of the marches to them.
 
     Starting from a shift of one standard uncertainty, wider and narrower ones are tried as long as neighbours agree
     better: the widest suffer from curvature, the narrowest from rounding.
@@ -187,7 +191,7 @@ def differences(
         doubt, share = float(distances[k]), size / entry.uncertainty
         if abs(slope) <= noise:  # and no more between neighbours, the narrower of which is noisier
             slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt
-        results[name] = slope, doubt, share, least
+        results[name] = slope, doubt, share, least, weighed / size
     return results
 
 

@@ -61,8 +61,8 @@ NO_MAP = (
 
 def steps_over_impacts(run: xr.Dataset, model: Model) -> bool:
     """Whether contacts act over whole steps in a run of a model, without events that tell what they took."""
-    located = METHODS[str(run.attrs["solver_method"])].stepper.locates
-    return bool(model.contacts or model.assemblies) and not located
+    touching = bool(model.contacts or model.assemblies)
+    return touching and not METHODS[str(run.attrs["solver_method"])].stepper.locates
 
 
 @dataclass(frozen=True)
