@@ -298,3 +298,74 @@ def test_pieces_are_the_polynomials_of_tables(name: str) -> None:
     for coefficient, factor in PIECES[name]:
         total = total * (x - row[0]) + factor * float(POLYNOMIALS[coefficient](lambda k, _piece: row[k], x, 0))
     assert total == pytest.approx(float(POLYNOMIALS[name](lambda k, _piece: row[k], x, 0)), rel=1e-15, abs=0.0)
+
+
+CHAIN = """
+name = "chain"
+[dimensions]
+site = 4
+[relations.spring]
+of = "site"
+neighbours = 1
+[coordinates]
+u = { unit = "mm", dims = ["site"] }
+[parameters]
+m = "0.3 kg"
+k = "0.1 N m-1"
+[mass]
+u = "m"
+[forces.springs]
+over = "spring"
+potential = "k*(second(u, spring) - first(u, spring))**2/2"
+[forces.walls]
+potential = "k*(u[0]**2 + u[-1]**2)/2"
+[initial]
+u = { unit = "mm", value = [7.1, -0.3, 2.9, 1.7] }
+"""
+THREE = """
+name = "three in a row"
+[dimensions]
+body = 3
+axis = ["x", "y"]
+[relations.pair]
+of = "body"
+[coordinates]
+r = { unit = "m", dims = ["body", "axis"] }
+[parameters]
+G = "0.8 N m2 kg-2"
+m = "1 kg"
+[mass]
+r = "m"
+[forces.gravity]
+over = "pair"
+potential = "-G*m**2/norm(second(r, pair) - first(r, pair), axis)"
+[initial]
+r = { unit = "m", value = [[-1, 0], [0, 0], [1, 0]] }
+v_r = { unit = "m s-1", value = [[0, -1], [0, 0], [0, 1]] }
+"""
+
+
+def test_masses_of_a_chain_have_31_digits() -> None:
+    """Assert Verlet's discrete law in each mode of a chain, cos(n theta) with cos(theta) = 1 - (omega h)^2/2, of every mass."""
+    run = xd.simulate(xd.Model.from_text(CHAIN), method="velocity_verlet", step="0.7 s", until="14 s", **LONG)
+    start, size = [mpmath.mpf(text) for text in ("7.1", "-0.3", "2.9", "1.7")], range(4)
+    modes = [
+        [mpmath.sqrt(2 * mpmath.mpf("0.2")) * mpmath.sinpi(mpmath.mpf((i + 1) * (k + 1)) / 5) for i in size]
+        for k in size
+    ]
+    squares = [mpmath.mpf(4) / 3 * mpmath.sinpi(mpmath.mpf(k + 1) / 10) ** 2 for k in size]  # of omega
+    turned = [mpmath.cos(20 * mpmath.acos(1 - square * mpmath.mpf("0.7") ** 2 / 2)) for square in squares]
+    for i in size:
+        u = sum(mode[i] * turn * mpmath.fdot(mode, start) for mode, turn in zip(modes, turned, strict=True))
+        assert abs(number(run.isel(site=i), "u") - u) < mpmath.mpf("1e-29")
+        assert abs(mpmath.mpf(float(run.u[-1, i])) - u) > mpmath.mpf("1e-19")
+
+
+@pytest.mark.dear
+def test_bodies_that_attract_each_other_have_31_digits() -> None:
+    """Assert Euler's three bodies in a row, which turn by one radian a second where G m (1 + 1/4) is 1."""
+    run = xd.simulate(xd.Model.from_text(THREE), method="taylor", rtol=1e-30, until="2.3 s", **LONG)
+    turned = mpmath.cos(mpmath.mpf("2.3")), mpmath.sin(mpmath.mpf("2.3"))
+    for body, side in ((0, -1), (1, 0), (2, 1)):
+        for axis in (0, 1):
+            assert abs(number(run.isel(body=body, axis=axis), "r") - side * turned[axis]) < mpmath.mpf("2e-30")

@@ -13,8 +13,9 @@ What counts as it is written: parameters, starts, literals in expressions, until
 times of `sample`, in their units: "0.1 N m-1" is a tenth, not the float next to it, and more digits
 than a float has are read and kept in the archive. Coefficients of methods are fractions or
 decimals; those of dop853 are published with 30 digits, those of taylor are exact. A table is the
-floats that it is. Elementary functions are right to 30 digits, and all of it has the same bits on
-every machine.
+floats that it is; so is a start or a parameter that an expression gives, u = "A*sin(index(site))":
+where all 31 digits of it are to count, write the numbers out. Elementary functions are right to 30
+digits, and all of it has the same bits on every machine.
 What is stored: the float, where it always is, and beside it what the float does not hold, in the
 same unit, to be added.
   x, v_x, a state s                 rest_x, rest_v_x, rest_s          at every row

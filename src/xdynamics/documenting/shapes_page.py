@@ -72,9 +72,9 @@ CLOSING = (
     ),
     (
         "In Python they are arrays of numpy too, DataFrames in the place of tables, and DataArrays, which have their unit in the"
-        " attribute units and may stand in any order of dimensions and labels: initial={'r': run.r.isel(step=-1)}."
+        " attribute units and may stand in any order of dimensions and labels: model.replace(initial={'r': run.r.isel(step=-1)})."
     ),
-    "Elsewhere an element is named by its labels or by its numbers from 0, of which -1 is the last: --quantity 'u[-1]', --axis 'm[Sun]=1:2:5 kg', parameters={'m[Sun]': …}; a reset sets one by set = { 'v_u[3]' = \"…\" }, and in an event with dimensions each its own of what is set whole.",
+    "Elsewhere an element is named by its labels or by its numbers from 0, of which -1 is the last: --quantity 'u[-1]', --axis 'm[Sun]=1:2:5 kg', model.replace(parameters={'m[Sun]': …}); a reset sets one by set = { 'v_u[3]' = \"…\" }, and in an event with dimensions each its own of what is set whole.",
 )
 
 
