@@ -38,6 +38,22 @@ class Within(NamedTuple):
     owner: str
 
 
+class Array(NamedTuple):
+    """What the annotation of an array of a run says."""
+
+    kind: ArrayKind
+    lifetime: Lifetime
+    owner: str  # the array that it is a part of, if any
+
+    @classmethod
+    def read(cls, annotation: Any) -> Array:
+        """Read the marks of an annotation; without a lifetime it is `LASTING`."""
+        kind, *marks = annotation.__metadata__
+        lifetimes = [mark for mark in marks if isinstance(mark, Lifetime)]
+        owners = [mark.owner for mark in marks if isinstance(mark, Within)]
+        return cls(kind, lifetimes[0] if lifetimes else Lifetime.LASTING, owners[0] if owners else "")
+
+
 T = TypeVar("T")
 Passing = Annotated[T, Lifetime.PASSING]
 Given = Annotated[T, Lifetime.GIVEN]

@@ -18,6 +18,7 @@ from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import leaves_samples
 from xdynamics.march.past import has_room_for_past
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
+from xdynamics.march.settings import Settings
 from xdynamics.model.assemblies import slots_of, together
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
@@ -319,6 +320,12 @@ def allocate(
         np.empty((_acting(layout), event_rows)),
         *rest,
     )
+
+
+def log_of(layout: Layout, settings: Settings, rows: int, sampled: int = 0) -> Log:
+    """Return an empty log of a march with its settings; of no row, one that nothing is written to."""
+    form = {"apart": settings.apart, "samples_kept": settings.keeps_samples, "by_rows": is_wide(layout)}
+    return allocate(layout, rows, sampled=sampled, **form)
 
 
 def _table(numbers: int, rows: int, *, by_rows: bool) -> NDArray[np.float64]:

@@ -14,7 +14,19 @@ from numpy.typing import NDArray
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.machine import address_of
 from xdynamics.kernels.program import TABLE, WORDS
-from xdynamics.march.lifetimes import Address, ArrayKind, Given, Lifetime, Log, Own, Passing, Scratch, Within, row_of
+from xdynamics.march.lifetimes import (
+    Address,
+    Array,
+    ArrayKind,
+    Given,
+    Lifetime,
+    Log,
+    Own,
+    Passing,
+    Scratch,
+    Within,
+    row_of,
+)
 from xdynamics.march.past_records import BOOK, DELAY
 
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
@@ -173,6 +185,8 @@ class Run:
 
     Parameters
     ----------
+    like : Run, optional
+        The run that has what is not given here.
     **arrays : ndarray
         All of the attributes below, contiguous; rows of the log in C order or, where they are wide, in Fortran's.
     """
@@ -335,10 +349,12 @@ class Run:
     log_links: Log[Whole]  # how many of these there are
     log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 
-    def __init__(self, **arrays: NDArray[Any]) -> None:
+    def __init__(self, like: Run | None = None, /, **arrays: NDArray[Any]) -> None:
         self.holds: tuple[Any, ...] = ()  # what has to live as long as the run
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # addresses for compiled code; see `handle`
-        self.address = int(self._table.ctypes.data)
+        vars(self).update(vars(like) if like else {})
+        self._table = self._table.copy()
+        self.address = address_of(self._table)
         self.put(**arrays)
 
     def twins(self, count: int) -> Twins:
@@ -367,22 +383,6 @@ class Run:
         for name in ("log_rows", "log_samples"):
             if name in arrays and not arrays[name].flags.c_contiguous:
                 self._table[_PLACES[name], 2] = 1  # the distance of elements along the first dimension
-
-
-class Array(NamedTuple):
-    """What the annotation of an array of a run says."""
-
-    kind: ArrayKind
-    lifetime: Lifetime
-    owner: str  # the array that it is a part of, if any
-
-    @classmethod
-    def read(cls, annotation: Any) -> Array:
-        """Read the marks of an annotation; without a lifetime it is `LASTING`."""
-        kind, *marks = annotation.__metadata__
-        lifetimes = [mark for mark in marks if isinstance(mark, Lifetime)]
-        owners = [mark.owner for mark in marks if isinstance(mark, Within)]
-        return cls(kind, lifetimes[0] if lifetimes else Lifetime.LASTING, owners[0] if owners else "")
 
 
 ARRAYS = {name: Array.read(annotation) for name, annotation in get_type_hints(Run, include_extras=True).items()}

@@ -23,10 +23,11 @@ from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
+from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, log_of, misplaced_events, most_recycled
 from xdynamics.march.memory import LARGE, arrays_of, give_back, numbers_at_end, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.past_arrays import make_room
+from xdynamics.march.recurring_runs import begun, recurs
 from xdynamics.march.run import NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
@@ -99,6 +100,8 @@ class March:
     @cached_property
     def run(self) -> Run:
         """The state of the march; its log is lent to it block by block."""
+        if recurs(self.model, self.settings, self.layout):
+            return begun(self.model, self.settings, self.law)
         return posed(self.model, self.settings, self.law, self._log(0), self._addresses())
 
     @cached_property
@@ -170,10 +173,9 @@ class March:
                 self._judge_events(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
+                # rows of events come as they come
                 most = max(most_recycled(self.layout), (self.expected_rows or 0) - int(self.now.rows))
-                size = rows or min(
-                    size * (4 if self.settings.adaptive else 1), most
-                )  # rows of events come as they come
+                size = rows or min(size * (4 if self.settings.adaptive else 1), most)
         if kept:
             self._log(0).lend(self.run)  # nothing of the others is touched any more
 
@@ -189,10 +191,8 @@ class March:
             ) from fault
 
     def _log(self, rows: int) -> Log:
-        """Return an empty log; of no row, one that nothing is written to."""
-        settings, sampled = self.settings, int(self.run.plan[0].samples) if rows else 0
-        form = {"apart": settings.apart, "samples_kept": settings.keeps_samples, "by_rows": is_wide(self.layout)}
-        return allocate(self.layout, rows, sampled=sampled, **form)
+        """Return an empty log; see `log_of`."""
+        return log_of(self.layout, self.settings, rows, int(self.run.plan[0].samples) if rows else 0)
 
     def rest(self) -> LogBlock | None:
         """Return the last row of an interrupted march, if a march that goes on would leave it out."""

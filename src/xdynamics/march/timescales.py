@@ -82,6 +82,7 @@ def time_scales(march: March) -> TimeScales | None:
             part = slice(first, first + together)
             states = witnesses.put_in(run.y, chosen[first]) if in_place else witnesses.states(chosen[part], room)
             engine().fastest_rates(run, states, rates[:, part])
+        jacobian = _derivatives(march, 0) if n <= FEW else None
     if not 0.0 <= rates[0, 0] < np.inf:
         return None
     first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
@@ -90,7 +91,7 @@ def time_scales(march: March) -> TimeScales | None:
     products = rates[0] * steps
     scale = march.settings.scales.of(TIME)
     resolved = KEPT if march.model.constraints else SLOW
-    period = slowest_period(jacobian_at(march, 0), resolved) * scale if n <= FEW else np.nan
+    period = np.nan if jacobian is None else slowest_period(jacobian, resolved) * scale
     return TimeScales(float(rates[0, 0]) / scale, float(products[0]), float(products.max()), len(chosen) - 1, period)
 
 
@@ -99,10 +100,15 @@ def jacobian_at(march: March, row: int) -> Floats:
 
     The matrix has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, for the first regime.
     """
+    with put_aside(march):
+        return _derivatives(march, row)
+
+
+def _derivatives(march: March, row: int) -> Floats:
+    """Return the same of a march whose numbers are put aside."""
     n = march.layout.used.size
     derivatives = np.zeros((1 + n, n))
-    with put_aside(march):
-        engine().fastest_rates(march.run, march.witnesses.states([row]), derivatives)
+    engine().fastest_rates(march.run, march.witnesses.states([row]), derivatives)
     return derivatives[1:]
 
 
