@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from xdynamics.faults import InputError
-from xdynamics.runtime.files import asked, kind_of
+from xdynamics.runtime.files import asked, file_above, kind_of
 
 
 def check_source(path: Path) -> None:
@@ -19,7 +19,8 @@ def check_source(path: Path) -> None:
     check_name(path)
     kind = asked(path, kind_of)
     if kind == "":
-        raise InputError(f"'{path}' does not exist")
+        above = file_above(path)
+        raise InputError(f"'{path}' does not exist{above and f': {above}'}")
     if kind is not None:
         raise InputError(f"'{path}' is {kind}; name a file{' in it' if kind == 'a directory' else ''}")
 

@@ -16,7 +16,7 @@ from xdynamics.archive.source import check_name
 from xdynamics.archive.store import NewFile
 from xdynamics.archive.temporary_files import TemporaryFile, sweep
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.runtime.files import asked, decoded, kind_of, read_bounded, synced
+from xdynamics.runtime.files import asked, decoded, file_above, kind_of, read_bounded, synced
 
 if TYPE_CHECKING:
     from xdynamics.model import Model
@@ -48,7 +48,8 @@ def check_target(path: Path, model: Model | None = None) -> None:
         raise InputError(f"'{path}' is {kind}; name a file")
     folder = asked(path, Path.resolve).parent if path.is_symlink() else path.parent
     if not asked(folder, Path.is_dir):
-        raise InputError(f"'{path}' cannot be written: the folder '{folder}' does not exist")
+        why = file_above(path) or f"the folder '{folder}' does not exist"
+        raise InputError(f"'{path}' cannot be written: {why}")
     if kind is not None:
         return
     if model is not None:

@@ -52,7 +52,7 @@ def new(path: str) -> None:
     """Write a model to begin with: a driven pendulum, with a word on each section."""
     from xdynamics.documenting.guide import STARTER
     from xdynamics.faults import ArchiveError, InputError
-    from xdynamics.runtime.files import write_new
+    from xdynamics.runtime.files import reason, write_new
 
     target = Path(path)
     if target.suffix != ".toml":
@@ -63,6 +63,8 @@ def new(path: str) -> None:
         raise InputError(f"'{path}' is there already, and is not written over; give another name") from None
     except FileNotFoundError:
         raise InputError(f"'{path}' cannot be written: No such file or directory '{target.parent}'") from None
+    except NotADirectoryError as error:
+        raise InputError(f"'{path}' cannot be written: {reason(error, target)}") from None
     except OSError as error:
         raise ArchiveError(f"'{path}' cannot be written: {error.strerror or error}") from None
     say(_next(path))

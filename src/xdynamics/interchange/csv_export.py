@@ -15,6 +15,7 @@ from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.record import of_elements
+from xdynamics.runtime.files import file_above
 from xdynamics.schema import AT, AT_TIME, error
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ def check_target(path: Place) -> Place:
     if folder:
         raise InputError(f"table '{path}' is a directory; name a file")
     if isinstance(path, Path) and not path.parent.is_dir():
-        raise InputError(f"table '{path}' cannot be written: there is no folder '{path.parent}'")
+        why = file_above(path) or f"there is no folder '{path.parent}'"
+        raise InputError(f"table '{path}' cannot be written: {why}")
     return path
 
 

@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 
 from xdynamics.faults import InputError
 from xdynamics.model.workbook import text_of_workbook
-from xdynamics.runtime.files import check_no_address, decoded, read_bounded, shown
+from xdynamics.runtime.files import check_no_address, decoded, read_bounded, reason, shown
 
 LARGEST_TABLE = 50_000_000  # bytes
 WORKBOOK = ".xlsx"
@@ -65,11 +65,7 @@ class FileAccess:
                 f"table {shown(name)!r} is not in {shown(folder)!r}; put it there, or write its name as seen from there"
             ) from None
         except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
-            why = (
-                error.strerror
-                if isinstance(error, OSError) and error.strerror
-                else "it is no UTF-8 text (save it so, as CSV)"
-            )
+            why = reason(error, path) if isinstance(error, OSError) else "it is no UTF-8 text (save it so, as CSV)"
         raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}")
 
     def _below(self, name: str) -> Path:

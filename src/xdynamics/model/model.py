@@ -29,7 +29,7 @@ from xdynamics.model.replacement import changes_numbers_alone, replaced
 from xdynamics.model.statement import Statement
 from xdynamics.model.text_limits import parsed
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.runtime.files import asked, check_no_address, decoded, read_bounded
+from xdynamics.runtime.files import asked, check_no_address, decoded, read_bounded, reason
 from xdynamics.shapes import Shapes, written
 from xdynamics.units import Dimension
 
@@ -127,7 +127,7 @@ class Model(ModelTrees):
         try:
             text = decoded(read_bounded(path, LARGEST_FILE, _IN_TABLES))
         except OSError as error:
-            raise ModelError(f"model file '{path}' cannot be read: {error.strerror or error}") from None
+            raise ModelError(f"model file '{path}' cannot be read: {reason(error, path)}") from None
         except InputError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except ValueError:

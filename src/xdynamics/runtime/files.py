@@ -54,6 +54,24 @@ def kind_of(path: Path) -> str | None:
     return None if stat.S_ISREG(mode) else KINDS.get(stat.S_IFMT(mode), "no regular file")
 
 
+def file_above(path: str | os.PathLike[str]) -> str:
+    """Say of a path which file stands where a folder should be; empty if none does.
+
+    Examples
+    --------
+    >>> file_above("pyproject.toml/x/run.nc"), file_above("runs/run.nc")
+    ("'pyproject.toml' is a file, no folder", '')
+    """
+    above = next((parent for parent in Path(path).parents if kind_of(parent) != ""), None)
+    kind = KINDS[stat.S_IFDIR] if above is None else kind_of(above)
+    return "" if kind == KINDS[stat.S_IFDIR] else f"'{above}' is {kind or 'a file'}, no folder"
+
+
+def reason(error: OSError, path: str | os.PathLike[str]) -> str:
+    """Say why the system does not read or write a path."""
+    return (isinstance(error, NotADirectoryError) and file_above(path)) or error.strerror or str(error)
+
+
 def read_bounded(path: Path, most: int, remedy: str = "") -> bytes:
     """Read a regular file whole.
 
@@ -136,7 +154,7 @@ def made_folder(folder: str | Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"the folder '{folder}' cannot be made: {error.strerror or error}; name another") from None
+        raise InputError(f"the folder '{folder}' cannot be made: {reason(error, path)}; name another") from None
     return path
 
 

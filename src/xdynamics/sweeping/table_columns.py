@@ -11,7 +11,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import doubts_of
 from xdynamics.model.instruments import as_table
-from xdynamics.runtime.files import decoded, read_bounded
+from xdynamics.runtime.files import decoded, read_bounded, reason
 
 LARGEST = 50_000_000  # bytes
 
@@ -27,7 +27,7 @@ def text_of(path: Path) -> str:
     try:
         return decoded(read_bounded(path, LARGEST)).replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
-        raise InputError(f"table '{path}' cannot be read: {error.strerror or error}") from None
+        raise InputError(f"table '{path}' cannot be read: {reason(error, path)}") from None
     except ValueError as error:
         raise InputError(f"table '{path}' cannot be read: {error}") from None
 
