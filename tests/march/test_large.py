@@ -244,14 +244,14 @@ until = "1e4 s"
 
 
 @pytest.mark.dear
-def test_a_million_cells_by_radau_take_fifty_numbers_each(tmp_path: Path) -> None:
-    """Assert that the heat equation of 10^6 cells takes its record and 50 numbers a cell: 12 are factors, 15 of stages."""
+def test_a_million_cells_by_radau_take_forty_numbers_each(tmp_path: Path) -> None:
+    """Assert that the heat equation of 10^6 cells takes its record and 43 numbers a cell: 12 are factors, 9 of stages."""
     made = 'return [xd.simulate(model, log="states")]'
     words = [sys.executable, "-c", PEAK.format(made=made, small=ROD.format(n=1000), large=ROD.format(n=1_000_000))]
     run = subprocess.run(words, capture_output=True, text=True, check=True, cwd=tmp_path)
     taken, record = map(float, run.stdout.split())
     assert record > 120.0
-    assert taken < record + 410.0
+    assert taken < record + 330.0
 
 
 WRITE = """
@@ -315,8 +315,8 @@ def test_what_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.Monk
     with pytest.raises(xd.ModelError, match=r"'u': has 1000000000000 elements along site, column, which take 240 TB"):
         xd.Model.from_text(wide)
     model = xd.Model.from_text(text)
-    monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 5e8)
+    monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 1e8)
     with pytest.raises(
-        xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes over .* 400 MB of memory"
+        xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes over .* 80 MB of memory"
     ):
         xd.simulate(model)

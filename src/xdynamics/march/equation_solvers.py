@@ -44,8 +44,9 @@ _NOTHING: Arrays = {
     "unknowns": np.zeros((0, 3), np.int64),
     "entries": np.zeros((0, 4), np.int32),
     "order": np.zeros(0, np.int32),
-    **{name: np.zeros(0, np.int64) for name in ("pivots", "groups", "band")},
-} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))
+    "pivots": np.zeros(0, np.int32),
+    **{name: np.zeros(0, np.int64) for name in ("groups", "band")},
+} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "past"), np.zeros(0))
 
 
 class Solver(NamedTuple):
@@ -55,6 +56,7 @@ class Solver(NamedTuple):
     arrays: Callable[[Law], Arrays]  # of a run
     reported: Callable[[Settings, Law], dict[str, Any]]  # attributes of a record
     corrections: Callable[[Run, int], tuple[Floats, Floats]]  # the last of every variable, and its size
+    sizes: Callable[[Law], dict[str, float]]  # bytes that a march writes to, by what stands there
     in_lanes: Callable[[Law, Settings], bool]  # whether steps side by side can be solved, too
 
 
@@ -84,20 +86,18 @@ def _newton_arrays(law: Law) -> Arrays:
     system, height = _system(law.layout, largest)
     lengths = dict.fromkeys(("stage", "shifted"), law.layout.record.size) | {"matrix": largest * height}
     scratch: Arrays = {name: unwritten(length) for name, length in lengths.items()}
-    return _NOTHING | arrays | system | scratch | {"pivots": unwritten(3 * largest, np.int64)}
+    return _NOTHING | arrays | system | scratch | {"pivots": unwritten(3 * largest, np.int32)}
 
 
 def _simplified_arrays(law: Law) -> Arrays:
     layout, used = law.layout, law.layout.used.size
     size = used - layout.coordinates.size
-    lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
+    lengths = dict.fromkeys(("stages", "turned", "past"), 3 * used)
     system, height = _system(layout, size)
-    lengths |= dict.fromkeys(("stage", "shifted"), layout.record.size) | {
-        "matrix": 3 * size * height,
-        "right": 2 * size,
-    }
+    lengths |= dict.fromkeys(("stage", "shifted"), layout.record.size) | {"matrix": 3 * size * height}
     arrays: Arrays = {name: unwritten(length) for name, length in lengths.items()}
-    return _NOTHING | arrays | system | {"pivots": unwritten(6 * size, np.int64)}
+    arrays["right"] = arrays["stage"]  # while equations are solved nothing is evaluated
+    return _NOTHING | arrays | system | {"pivots": unwritten(6 * size, np.int32)}
 
 
 def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
@@ -113,6 +113,25 @@ def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
     if band is None:
         return system | {"order": np.arange(size, dtype=np.int32)}, size
     return system | {"order": band.order, "band": np.array([band.lower, band.upper])}, band.height
+
+
+def _newton_sizes(law: Law) -> dict[str, float]:
+    arrays = _newton_arrays(law)
+    return {"the matrix": float(arrays["matrix"].nbytes), "the equations": 8.0 * law.memory}
+
+
+def _simplified_sizes(law: Law) -> dict[str, float]:
+    """Return what `_simplified_arrays` takes: of row exchanges a third is written to, of what laws see no stages."""
+    layout, used = law.layout, law.layout.used.size
+    size = used - layout.coordinates.size
+    system, height = _system(layout, size)
+    entries = system["entries"]
+    return {
+        "factors of a real and a complex matrix": 24.0 * size * height + 8.0 * size,
+        "derivatives and their places": 8.0 * len(entries) + entries.nbytes + 8.0 * used + 4.0 * size,
+        "stages, their corrections and those of the step before": 72.0 * used,
+        "a state for them": 8.0 * layout.record.size,
+    }
 
 
 def _newton_reported(_settings: Settings, _law: Law) -> dict[str, Any]:
@@ -153,10 +172,8 @@ def _newton_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
 
 
 def _simplified_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
-    corrections, stages = (
-        np.abs(increments[: 3 * n]).reshape(3, n).max(axis=0) for increments in (run.defects, run.stages)
-    )
-    return corrections, np.abs(run.y[:n]) + stages
+    stages = np.abs(run.stages[: 3 * n]).reshape(3, n).max(axis=0)
+    return run.right[:n], np.abs(run.y[:n]) + stages
 
 
 def _simplified_in_lanes(law: Law, settings: Settings) -> bool:
@@ -178,6 +195,7 @@ _SOLVERS = {
         arrays=lambda _law: _NOTHING,
         reported=lambda _settings, _law: {},
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
+        sizes=lambda law: {"stages": 8.0 * (law.scheme.stages - 1) * law.layout.record.size},
         in_lanes=lambda _law, _settings: True,
     ),
     SERIES: Solver(
@@ -185,6 +203,7 @@ _SOLVERS = {
         arrays=lambda _law: _NOTHING,
         reported=_series_reported,
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
+        sizes=lambda law: {"coefficients of the series": 8.0 * law.memory},
         in_lanes=_series_in_lanes,
     ),
     NEWTON: Solver(
@@ -192,6 +211,7 @@ _SOLVERS = {
         arrays=_newton_arrays,
         reported=_newton_reported,
         corrections=_newton_corrections,
+        sizes=_newton_sizes,
         in_lanes=lambda _law, _settings: False,
     ),
     SIMPLIFIED: Solver(
@@ -199,6 +219,7 @@ _SOLVERS = {
         arrays=_simplified_arrays,
         reported=_simplified_reported,
         corrections=_simplified_corrections,
+        sizes=_simplified_sizes,
         in_lanes=_simplified_in_lanes,
     ),
 }

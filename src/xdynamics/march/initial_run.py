@@ -165,10 +165,10 @@ def _tolerances(law: Law, settings: Settings) -> Floats:
     return np.where(np.isnan(atols), 0.0, atols / layout.sizes(settings.scales) * widened(law, tolerances.rtol))
 
 
-def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64] | NDArray[np.int16]]:
+def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int16]]:
     """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
-    follow = unwritten(layout.used.size, np.int64)
+    follow = unwritten(layout.used.size, np.int16)
     if tolerances is not None and (nan := np.isnan(tolerances.of_all(layout.used))).any():
         follow[:] = nan
     return {"followers": follow, "kinds": layout.kinds}

@@ -369,7 +369,7 @@ def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     wide = shape[0] >= _WIDE and shape[1] <= _SHORT  # a page holds some columns, not a part of one that is never filled
     if size < _HUGE or wide or not hasattr(mmap, "MAP_PRIVATE"):
         return np.empty(shape, dtype)
-    return np.frombuffer(_mapped(size), dtype).reshape(shape)
+    return np.frombuffer(mapped(size), dtype).reshape(shape)
 
 
 def unwritten(count: int, dtype: type[Any] = np.float64) -> NDArray[Any]:
@@ -380,8 +380,9 @@ def unwritten(count: int, dtype: type[Any] = np.float64) -> NDArray[Any]:
     size = count * np.dtype(dtype).itemsize
     if size < _HUGE or not hasattr(mmap, "MAP_PRIVATE"):
         return np.zeros(count, dtype)
-    return np.frombuffer(_mapped(size), dtype)
+    return np.frombuffer(mapped(size), dtype)
 
 
-def _mapped(size: int) -> mmap.mmap:
+def mapped(size: int) -> mmap.mmap:
+    """Return pages of memory of their own, which take none before they are written."""
     return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ Floats = NDArray[np.float64]
 
 LARGE = 1 << 20  # bytes of an array that is worth it
 OF_TRIALS = ("z", "e", "samples", "half", "whole", "located_z", "located_e", "located_samples", "full", "full_e")
-OF_SOLVERS = ("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past")
+OF_START = ("turning", "probe")  # and of what looks at a march that has ended
+OF_SOLVERS = ("matrix", "right", "stage", "shifted", "stages", "turned", "past")
 _OF_DELAYS = ("past_steps", "breaks", "book")
 _OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
@@ -82,9 +83,23 @@ def rest_on(run: Run, numbers: Floats) -> None:
         first += array.size * max(1, len(fields))
 
 
+def march_apart(march: Callable[[Run, int], None], run: Run, rows: int) -> None:
+    """March as many rows; what a start alone needs is given back after it, before a step is made."""
+    if run.probe.nbytes >= LARGE and not run.now[0].rows:
+        march(run, 0)
+        _give_back(run, OF_START)
+    else:
+        march(run, rows)
+
+
 def give_back(run: Run) -> None:
-    """Give back the memory of steps of a march that has ended: pages that are not written stand in their place."""
-    for name in (*OF_TRIALS, *OF_SOLVERS):
+    """Give back the memory of steps of a march that has ended."""
+    _give_back(run, (*OF_TRIALS, *OF_SOLVERS))
+
+
+def _give_back(run: Run, names: Iterable[str]) -> None:
+    """Put pages that are not written in the place of arrays that nothing reads any more."""
+    for name in names:
         if (array := getattr(run, name)).nbytes >= LARGE:
             run.put(**{name: unwritten(array.size)})
 

@@ -309,7 +309,7 @@ class Run:
     jumps: Given[Whole]  # which derivative of the motion jumps at each node: at ticks the motion itself; -1 for none
     attitudes: Given[Lists]  # places in the state of the four parts of every unit quaternion
     atol: Own[Floats]
-    followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
+    followers: Given[Short]  # 1 where the tolerance follows the size of its variable
     kinds: Given[Short]  # kind of each variable; coordinates, velocities, states of one dimension share one
     tops: Scratch[Floats]  # the largest of each kind, then of their slopes, then a time scale
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
@@ -332,11 +332,10 @@ class Run:
     kept: Passing[Kepts]
     stage: Passing[Floats]  # a state at which forces are evaluated
     shifted: Passing[Floats]  # a state next to it, for differences
-    stages: Passing[Floats]  # Z: increments of the stages, one after the other
+    stages: Passing[Floats]  # Z: increments of the stages; slopes, residuals and corrections while these are found
     turned: Passing[Floats]  # W: the same in transformed variables
-    defects: Passing[Floats]  # residuals of the transformed equations, and the resulting corrections
     past: Passing[Floats]  # differences of the previous step's collocation polynomial
-    pivots: Passing[Whole]  # of the real system, then the complex one: rows exchanged, first and last rows of columns
+    pivots: Passing[Places]  # of the real system, then the complex one: rows exchanged, first and last rows of columns
     law: Address[Whole]  # addresses; the last is that of what solves the equations of a step, 0 where nothing is solved
     functions: Address[Whole]  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
     base: Log[Bases]  # the counts of `now` at the log's first row

@@ -24,7 +24,7 @@ from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, log_of, misplaced_events, most_recycled
-from xdynamics.march.memory import LARGE, arrays_of, give_back, numbers_at_end, put_back, rest_on
+from xdynamics.march.memory import LARGE, arrays_of, give_back, march_apart, numbers_at_end, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.past_arrays import make_room
 from xdynamics.march.recurring_runs import begun, recurs
@@ -290,7 +290,7 @@ class March:
             log.make_ready(counts[0] - first[0], pause, sampled)
             make_room(self.run)
             try:
-                march(self.run, pause)
+                march_apart(march, self.run, pause)
             except NoMemoryError:
                 t = self.now.t * self.settings.scales.of(TIME)
                 raise NoMemoryError(

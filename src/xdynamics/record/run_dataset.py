@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
+from mmap import mmap
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError, numbered
 from xdynamics.keywords import FULL
 from xdynamics.march import LogBlock, March
+from xdynamics.march.log import mapped
 from xdynamics.record import provenance
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
@@ -240,6 +243,7 @@ class GatheredColumn:
         self.expected = expected
         self.pieces: list[Array] = []
         self.room: Array | None = None
+        self._pages: mmap | None = None  # those of the room, where rows are many numbers
         self.filled = 0  # rows of it
 
     def add(self, values: Array, *, is_lent: bool) -> None:
@@ -250,7 +254,9 @@ class GatheredColumn:
         room = self._begun(values) if self.room is None else self.room
         rows = self.filled + len(values)
         if more := self._more_rows(room, len(values)):
-            room.resize((len(room) + more, *values.shape[1:]), refcheck=False)  # the system moves pages, no numbers
+            rows_made = len(room) + more
+            del room
+            room = self._enlarged(rows_made, values)
         room[self.filled : rows] = values
         self.filled = rows
 
@@ -277,11 +283,30 @@ class GatheredColumn:
     def _begun(self, values: Array) -> Array:
         """Make room for all rows that are expected, behind those that were there before."""
         earlier = sum(map(len, self.pieces))
-        self.room = np.empty((earlier + (self.expected or 0), *values.shape[1:]), values.dtype)
+        rows = earlier + (self.expected or len(values))
+        if values[:1].size >= WIDE and sys.platform == "linux":
+            self._pages = mapped(rows * values[:1].nbytes)
+        self.room = np.empty((rows, *values.shape[1:]), values.dtype) if self._pages is None else self._on_pages(values)
         for piece in self.pieces:
             self.room[self.filled : self.filled + len(piece)] = piece
             self.filled += len(piece)
         return self.room
+
+    def _enlarged(self, rows: int, values: Array) -> Array:
+        """Make room for so many rows in all; of many numbers the system moves pages, which on a heap would leave holes."""
+        assert self.room is not None  # noqa: S101 - it was begun
+        if self._pages is None:
+            self.room.resize((rows, *values.shape[1:]), refcheck=False)
+        else:
+            self.room = None  # pages do not move while an array stands on them
+            self._pages.resize(rows * values[:1].nbytes)
+            self.room = self._on_pages(values)
+        return self.room
+
+    def _on_pages(self, values: Array) -> Array:
+        """Return an array of rows like others on all of the pages."""
+        assert self._pages is not None  # noqa: S101 - there are some
+        return np.frombuffer(self._pages, values.dtype).reshape(-1, *values.shape[1:])
 
     def whole(self) -> Array:
         """Return all of them."""

@@ -10,6 +10,8 @@ from typing import Any
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import March
+from xdynamics.march.equation_solvers import solver_of
+from xdynamics.methods.steppers import NOTHING
 from xdynamics.runtime.free_memory import ROOM, UNITS, free_memory, size_text
 from xdynamics.units import TIME, unit_suffix
 
@@ -134,20 +136,37 @@ def check_growth(march: March, taken: float, more: float, memory: str | float | 
     )
 
 
+def sizes_of_march(march: March) -> dict[str, float]:
+    """Return how many bytes a march writes to beside its record, by what stands there; made before any of it is.
+
+    The law of a method that solves equations is written first, which takes less than its factors.
+    """
+    layout, law = march.layout, march.law
+    sizes = {
+        "states at both ends of a step": 16.0 * layout.record.size,
+        "errors, tolerances and sizes": (28.0 if march.settings.adaptive else 2.0) * layout.used.size,
+        "a row of the log": 8.0 * layout.row.size,
+    }
+    return sizes | solver_of(march.settings.method).sizes(law)
+
+
 def _check_march(march: March) -> None:
-    """Check that a march itself has room: its states with two blocks of its log, then what its method solves."""
-    layout = march.layout
-    needed = 8.0 * (3 * layout.record.size + 8 * layout.used.size + 6 * layout.row.size)
-    if needed < SMALL:
+    """Check that a march itself has room: its states and two rows of its log, then what its method needs beside them."""
+    layout, room = march.layout, ROOM * free_memory()
+    solves = march.settings.method.solver != NOTHING
+    least = 8.0 * (2 * layout.record.size + layout.row.size)
+    if least + 24.0 * solves * layout.used.size**2 < SMALL:
         return
-    room = ROOM * free_memory()
     try:
-        solved = 8.0 * march.law.memory if needed <= room else 0.0
+        sizes = sizes_of_march(march) if least <= room else {}
     except MemoryError:
-        solved = room
-    if needed + solved > room:
-        remedy = "fewer elements, or a method that solves no equations" if solved else "fewer elements"
+        sizes = {"what its method solves": room}
+    needed = max(least, sum(sizes.values()))
+    if needed > room:
+        largest = max(sizes, key=sizes.__getitem__, default="")
+        of_it = f", {size_text(sizes[largest])} of it {largest}," if largest else ""
+        remedy = "fewer elements" + ", or a method that solves no equations" * solves
         raise InputError(
-            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes over"
-            f" {size_text(max(needed, solved))}, and {size_text(room)} of memory can be had; take {remedy}"
+            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes over {size_text(needed)}{of_it}"
+            f" beside its record, and {size_text(room)} of memory can be had; take {remedy}"
         )

@@ -17,11 +17,18 @@ slope_apart = apart(slope_of)
 
 @shared
 def linearise(run: Run, t: float, h: float, y: State) -> None:
-    """Evaluate the derivatives at a state; factors of earlier ones are discarded."""
+    """Evaluate the derivatives at a state; factors of earlier ones are discarded.
+
+    A state next to it stands where the trial's end will, but where what was there is read: constraints are solved for, and
+    forces of links, from those found last.
+    """
+    shifted = run.z
+    if run.plan[0].held > 0 or run.plan[0].assemblies > 0:
+        shifted = run.shifted
     if run.groups.shape[0] > 0:
-        find_by_groups(run, t, h, y, LINEARISED, 3 * run.plan[0].used)
+        find_by_groups(run, t, h, y, shifted, LINEARISED, 3 * run.plan[0].used)
     elif run.plan[0].differences:
-        differentiate(run, t, h, y)
+        differentiate(run, t, h, y, shifted)
     else:
         run.at[T] = t
         called(run.law[LINEARISED], run, y, run.stage, 0)
@@ -30,13 +37,13 @@ def linearise(run: Run, t: float, h: float, y: State) -> None:
 
 
 @shared
-def differentiate(run: Run, t: float, h: float, y: State) -> None:
+def differentiate(run: Run, t: float, h: float, y: State, shifted: State) -> None:
     """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of its variable."""
-    used, shifted, place = run.plan[0].used, run.shifted, 3 * run.plan[0].used
+    used, place = run.plan[0].used, 3 * run.plan[0].used
     for column in range(used):
         for i in range(used):
             shifted[i] = y[i]
-        change = shift(run, h, y, column)
+        change = shift(run, h, y, shifted, column)
         evaluate(run, t, shifted)
         for i in range(run.plan[0].coordinates, used):
             run.w[place] = (slope_apart(run, shifted, i) - slope_apart(run, y, i)) / change
@@ -44,22 +51,22 @@ def differentiate(run: Run, t: float, h: float, y: State) -> None:
 
 
 @shared
-def shift(run: Run, h: float, y: State, column: int) -> float:
-    """Shift a variable of the state next to y by sqrt(eps) of its size; return by how much."""
+def shift(run: Run, h: float, y: State, shifted: State, column: int) -> float:
+    """Shift a variable of a state next to y by sqrt(eps) of its size; return by how much."""
     size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
     if math.isfinite(run.atol[column]):
         size = max(size, run.atol[column])
-    run.shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
-    return float(run.shifted[column] - y[column])  # as it was rounded
+    shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
+    return float(shifted[column] - y[column])  # as it was rounded
 
 
 @shared
-def find_by_groups(run: Run, t: float, h: float, y: State, along: int, first: int) -> None:
-    """Find the derivatives of all columns of a group at once: along their sum, or by a difference.
+def find_by_groups(run: Run, t: float, h: float, y: State, shifted: State, along: int, first: int) -> None:
+    """Find the derivatives of all columns of a group at once: along their sum, or by a difference, in a state for it.
 
     They go to `w` from `first` on; `along` is the number of the law that gives derivatives along a direction.
     """
-    used, shifted, w, differences = run.plan[0].used, run.shifted, run.w, run.plan[0].differences
+    used, w, differences = run.plan[0].used, run.w, run.plan[0].differences
     direction = first + run.entries.shape[0]
     for group in range(run.groups.shape[0] - 1):
         begin, end = run.groups[group], run.groups[group + 1]
@@ -69,7 +76,7 @@ def find_by_groups(run: Run, t: float, h: float, y: State, along: int, first: in
         for k in range(begin, end):
             column = run.entries[k, 1]
             if w[direction + column] == 0.0:
-                w[direction + column] = shift(run, h, y, column) if differences else 1.0
+                w[direction + column] = shift(run, h, y, shifted, column) if differences else 1.0
         if differences:
             evaluate(run, t, shifted)
         else:

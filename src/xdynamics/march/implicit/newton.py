@@ -96,7 +96,7 @@ def find_at_iterate(run: Run, k: int) -> None:
         run.stage[i] = run.w[equation.state + i]
     time = run.w[equation.derivatives + run.entries.shape[0] + run.plan[0].used]
     along = PROPOSE + 2 * run.equations.shape[0] + 1
-    find_by_groups(run, time, h, run.stage, along, equation.derivatives)
+    find_by_groups(run, time, h, run.stage, run.shifted, along, equation.derivatives)
     run.at[T] = start
 
 

@@ -14,6 +14,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels import radau_lines, step_control
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
+from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.assembly.closed_links import SCALE, X, closed_from, rows_of_closed
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
@@ -64,11 +65,9 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
     plan, used, width = run.plan[0], run.plan[0].used, run.log_samples.shape[0] - 2
     recall(run)
     done = solved(run, t, h, y, sample)
-    for k in range(3):
-        for i in range(used):
-            run.w[k * used + i] = y[i] + run.stages[k * used + i]
+    leave_stages(run, y)
     for i in range(used):
-        z[i] = run.w[2 * used + i]
+        z[i] = y[i] + run.stages[2 * used + i]
     evaluate_held(run, t1, z, h)
     keep_sample(run, t1, z, sample + 3 * width)
     run.at[UNSOUND] = 0.0
@@ -82,6 +81,16 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
         if done:
             estimate(run, t, h, y)
             look_ahead(run, h)
+
+
+@shared
+def leave_stages(run: Run, y: State) -> None:
+    """Leave the states at the stages where laws read them, if there is one for times inside a step or a polynomial."""
+    used = run.plan[0].used
+    if run.law[INSIDE] != 0 or run.plan[0].degree > 0 or run.delays.shape[0] > 0:
+        for k in range(3):
+            for i in range(used):
+                run.w[k * used + i] = y[i] + run.stages[k * used + i]
 
 
 @shared
@@ -197,8 +206,9 @@ def judged(run: Run, size: float, turn: int) -> int:
 @shared
 def moved_by(run: Run, i: int) -> float:
     """Return how far an unknown has moved since the start of the step, at most."""
-    n = run.plan[0].used
-    return max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
+    n, turned = run.plan[0].used, run.turned
+    first, second, third = _stages(turned[i], turned[n + i], turned[2 * n + i])
+    return max(abs(first), abs(second), abs(third))
 
 
 @shared
@@ -238,20 +248,21 @@ def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
     if run.trial[0].iterations >= 0:
         run.trial[0].iterations += 1
     slopes_at_stages(run, t, h, y, sample)
-    defects, turned, n = run.defects, run.turned, run.plan[0].used
+    corrections, turned, n = run.stages, run.turned, run.plan[0].used
     gamma, alpha, beta = constants.GAMMA / h, constants.ALPHA / h, constants.BETA / h
-    to_transformed(defects, defects, n)
+    to_transformed(corrections, corrections, n)
     for i in range(n):
         w1, w2 = turned[n + i], turned[2 * n + i]
-        defects[i] -= gamma * turned[i]
-        defects[n + i] -= alpha * w1 - beta * w2
-        defects[2 * n + i] -= beta * w1 + alpha * w2
-    solve_real(run, defects)
-    solve_complex(run)
+        corrections[i] -= gamma * turned[i]
+        corrections[n + i] -= alpha * w1 - beta * w2
+        corrections[2 * n + i] -= beta * w1 + alpha * w2
+    solve_real(run, corrections)
+    solve_complex(run, corrections)
     for i in range(3 * n):
-        turned[i] += defects[i]
+        turned[i] += corrections[i]
+    size = correction(run, h, y)
     to_stages(turned, run.stages, n)
-    return correction(run, h, y)
+    return size
 
 
 @shared
@@ -268,15 +279,18 @@ def to_transformed(given: State, found: State, n: int) -> None:
 def to_stages(given: State, found: State, n: int) -> None:
     """Multiply three vectors of n components, stored one after the other, by T."""
     for i in range(n):
-        w0, w1, w2 = given[i], given[n + i], given[2 * n + i]
-        found[i] = T00 * w0 + T01 * w1 + T02 * w2
-        found[n + i] = T10 * w0 + T11 * w1 + T12 * w2
-        found[2 * n + i] = T20 * w0 + w1
+        found[i], found[n + i], found[2 * n + i] = _stages(given[i], given[n + i], given[2 * n + i])
+
+
+@shared
+def _stages(w0: float, w1: float, w2: float) -> tuple[float, float, float]:
+    """Multiply one component of three vectors by T."""
+    return T00 * w0 + T01 * w1 + T02 * w2, T10 * w0 + T11 * w1 + T12 * w2, T20 * w0 + w1
 
 
 @shared
 def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> None:
-    """Evaluate the forces at the stages, and put the slopes there into `defects`."""
+    """Evaluate the forces at the stages, and put the slopes there into their place."""
     n, stage, width = run.plan[0].used, run.stage, run.log_samples.shape[0] - 2
     for k in range(3):
         time = t + (C1 if k == 0 else C2 if k == 1 else 1.0) * h
@@ -285,12 +299,15 @@ def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> Non
         evaluate(run, time, stage)
         keep_sample(run, time, stage, sample + k * width)
         for i in range(n):
-            run.defects[k * n + i] = slope_apart(run, stage, i)
+            run.stages[k * n + i] = slope_apart(run, stage, i)
 
 
 @shared
 def correction(run: Run, h: float, y: State) -> float:
-    """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown."""
+    """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown.
+
+    They stand where stages will; the largest of each unknown is left in `right`, for messages.
+    """
     n, plan, largest = run.plan[0].used, run.plan[0], 0.0
     held = plan.assemblies > 0 and run.closed[0] > 0
     if held:
@@ -304,8 +321,10 @@ def correction(run: Run, h: float, y: State) -> float:
             scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
             if held:
                 scale += held_from(run, h, i)
+        run.right[i] = 0.0
         for k in range(3):
-            change = abs(run.defects[k * n + i])
+            change = abs(run.stages[k * n + i])
+            run.right[i] = larger(run.right[i], change)
             if change != 0.0:
                 largest = larger(largest, change / scale)
     return largest
@@ -334,19 +353,19 @@ def keep_polynomial(run: Run) -> None:
 @compiled
 def estimate(run: Run, t: float, h: float, y: State) -> None:
     """Estimate the error by the embedded formula; where that fails at a start or again, at the state it leads to."""
-    n, e, kept, now = run.plan[0].used, run.e, run.kept[0], run.now[0]
+    n, e, kept, now, defects = run.plan[0].used, run.e, run.kept[0], run.now[0], run.turned  # solved, which is free
     if not kept.factored > 0.0:
         return
     for i in range(n):
-        run.defects[i] = (E1 * run.stages[i] + E2 * run.stages[n + i] + E3 * run.stages[2 * n + i]) / h
-        e[i] = run.defects[i] + slope_apart(run, y, i)
+        defects[i] = (E1 * run.stages[i] + E2 * run.stages[n + i] + E3 * run.stages[2 * n + i]) / h
+        e[i] = defects[i] + slope_apart(run, y, i)
     solve_real(run, e)
     if (now.rejected or not kept.step > 0.0) and not error_norm_apart(run) <= 1.0:
         for i in range(n):
             run.stage[i] = y[i] + e[i]
         evaluate(run, t, run.stage)
         for i in range(n):
-            e[i] = run.defects[i] + slope_apart(run, run.stage, i)
+            e[i] = defects[i] + slope_apart(run, run.stage, i)
         solve_real(run, e)
 
 

@@ -89,32 +89,32 @@ def solve_real(run: Run, vector: State) -> None:
 
 
 @shared
-def solve_complex(run: Run) -> None:
-    """Solve ((alpha + i beta)/h - J) d = r in place, for the second and the third part of the defects."""
+def solve_complex(run: Run, vectors: State) -> None:
+    """Solve ((alpha + i beta)/h - J) d = r in place, for the second and the third part of three vectors."""
     n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
-    size, defects = used - n, run.defects
+    size = used - n
     alpha, beta = ALPHA / run.kept[0].factored, BETA / run.kept[0].factored
     square = alpha * alpha + beta * beta
     x, y = alpha / square, -beta / square
     for i in range(n):
-        u, v = defects[used + i], defects[2 * used + i]
-        defects[used + i], defects[2 * used + i] = u * x - v * y, u * y + v * x
+        u, v = vectors[used + i], vectors[2 * used + i]
+        vectors[used + i], vectors[2 * used + i] = u * x - v * y, u * y + v * x
     for i in range(size):
         place = run.order[i]
-        right[place], right[size + place] = defects[used + n + i], defects[2 * used + n + i]
+        right[place], right[size + place] = vectors[used + n + i], vectors[2 * used + n + i]
     for k in range(run.entries.shape[0]):
         row, column = run.order[run.entries[k, 0]], run.entries[k, 1]
         if column < n:
-            right[row] += run.w[first + k] * defects[used + column]
-            right[size + row] += run.w[first + k] * defects[2 * used + column]
+            right[row] += run.w[first + k] * vectors[used + column]
+            right[size + row] += run.w[first + k] * vectors[2 * used + column]
     if run.band.shape[0] > 0:
         substitute_complex_band(run.matrix, run.pivots, right, size, run.band[0], run.band[1])
     else:
         substitute_complex(run.matrix, run.pivots, right, size)
     for i in range(size):
         place = run.order[i]
-        defects[used + n + i], defects[2 * used + n + i] = right[place], right[size + place]
+        vectors[used + n + i], vectors[2 * used + n + i] = right[place], right[size + place]
     for i in range(n):
         u, v = right[run.order[i]], right[size + run.order[i]]
-        defects[used + i] += u * x - v * y
-        defects[2 * used + i] += u * y + v * x
+        vectors[used + i] += u * x - v * y
+        vectors[2 * used + i] += u * y + v * x
