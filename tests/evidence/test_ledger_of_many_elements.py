@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.evidence.validating import case_runs, ledger
+from xdynamics.evidence.validating import case_runs, ledger, proven_bounds
 from xdynamics.evidence.validating.ledger_rows import lines_of
 from xdynamics.evidence.validating.worst_elements import MOST_ALONE
 from xdynamics.record.flag_words import words_of
@@ -153,3 +153,22 @@ def test_work_does_not_grow_with_elements(case: str, monkeypatch: pytest.MonkeyP
         xd.validate(model_of(n, case))
         counts.append(len(counted))
     assert counts[0] == counts[1] > 0
+
+
+def test_proven_bounds_of_many_elements_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a line has the digits of its worst element's own line, and names it and how many there are."""
+    model = xd.Model.from_text(CHAIN.format(n=3))
+    every = xd.validate(model, proven=True)
+    monkeypatch.setattr(proven_bounds, "MOST_ALONE", 2)
+    found = xd.validate(model, proven=True)
+    assert found.case_observable.values.tolist() == ["u", "v_u"]
+    assert found.case_elements.values.tolist() == [3, 3]
+    assert every.sizes["case"] == 6
+    for i, worst in enumerate(found.case_worst_element.values.tolist()):
+        (k,) = np.flatnonzero(every.case_observable.values == worst)
+        for name in ("residual", "bound", "residual_scale", "scaled_residual", "verdict", "case_run", "case_units"):
+            assert found[name][i].item() == every[name][k].item(), name
+        parts = (every.residual / every.bound).values[3 * i : 3 * i + 3]
+        assert 0.0 < parts[k - 3 * i] == parts.max()
+    lazy = xd.validate(model, proven=True, compute=False)
+    assert lazy.case_elements.values.tolist() == [3, 3]

@@ -14,33 +14,37 @@ from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED
 from xdynamics.evidence.stage_tasks import remembered
 from xdynamics.evidence.validating.case_runs import NEAR, ORDER_AT_MOST, CaseRuns
 from xdynamics.evidence.validating.ledger_rows import LedgerRow
+from xdynamics.evidence.validating.worst_elements import MOST_ALONE, of_worst
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.model.closed_forms import ORDER
 from xdynamics.record.named_elements import column
 from xdynamics.schema import AT_TIME, bounds_of
+from xdynamics.shapes.blocks import Block
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Rows = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 RELATION = "proven bounds"
 PARTS = 8  # of the span of a run, at whose ends it is compared: at one time alone an error may pass zero
 
 
 def rows_of_bounds(model: Model, method: str, prefix: str, stage: int) -> list[LedgerRow]:
-    """Return the lines as far as they are known before anything is marched or proven."""
+    """Return the lines as far as they are known before anything is marched or proven: of many elements one together."""
     where, norm = f"accepted states at eighths of the time to {model.run.get('until', 'the end')}", "largest distance"
-    return [
-        LedgerRow(f"{prefix}{name}", method, stage, RELATION, name, where, ORDER, norm=f"{norm} from the bounds")
-        for name in layout_of(model).used
-    ]
+    names: list[tuple[str, int]] = []
+    for block in layout_of(model).used.blocks:
+        names += [(block.name, block.size)] if block.size > MOST_ALONE else [(name, 1) for name in block.elements()]
+    row = LedgerRow("", method, stage, RELATION, "", where, ORDER, norm=f"{norm} from the bounds")
+    return [replace(row, name=f"{prefix}{name}", observable=name, elements=size) for name, size in names]
 
 
 def beside_bounds(runs: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow]:
-    """Yield a line for each coordinate, velocity and state of a model's run, beside what is proven of it.
+    """Yield a line for each coordinate, velocity and state of a model's run, or the worst of many elements of one.
 
     The bound is that of `order`: how far the run with twice the step is outside, over 2**(p - 1/2), and rounding.
     """
@@ -65,10 +69,12 @@ def _filled(row: LedgerRow, runs: CaseRuns, tube: xr.Dataset) -> LedgerRow:
         why = f"the run ended before: {run.attrs['run_outcome_text']}"
         return replace(row, residual=np.inf, bound=0.0, note=why)
     common = np.flatnonzero((_rows_at(run, tube) >= 0) & (_rows_at(runs.coarse, tube) >= 0))
-    most, scale = (float(np.max(np.abs(values))) for values in (column(run, name).values, tube[bounds_of(name)[1]]))
+    values, high = column(run, name).values, column(tube, bounds_of(name)[1]).values
+    most, scale = (np.max(np.abs(numbers), axis=0) for numbers in (values, high))
     halved = _outside(runs.coarse, name, tube, common) / runs.by_order
-    bound = min(halved, ORDER_AT_MOST * most) + runs.rounding_of(name)
-    return replace(row, residual=_outside(run, name, tube, common), bound=bound, scale=scale)
+    bound = np.minimum(halved, ORDER_AT_MOST * most) + runs.rounding_of(name)
+    block = Block.of(name, "", runs.model.shapes)
+    return of_worst(row, block, _outside(run, name, tube, common), bound, scale)
 
 
 def _rows_at(run: xr.Dataset, tube: xr.Dataset) -> Rows:
@@ -79,8 +85,9 @@ def _rows_at(run: xr.Dataset, tube: xr.Dataset) -> Rows:
     return np.where(np.abs(accepted[rows] - times) <= near, rows, -1)
 
 
-def _outside(run: xr.Dataset, name: str, tube: xr.Dataset, common: Rows) -> float:
-    """Return the largest distance of a run from the bounds, at some of their times; 0 within."""
+def _outside(run: xr.Dataset, name: str, tube: xr.Dataset, common: Rows) -> Floats:
+    """Return the largest distance of each element of a run from the bounds, at some of their times; 0 within."""
     values = column(run, name).values[_rows_at(run, tube)[common]]
-    low, high = (tube[bound].values[common] for bound in bounds_of(name))
-    return float(np.max(np.maximum(np.maximum(low - values, values - high), 0.0)))
+    low, high = (column(tube, bound).values[common] for bound in bounds_of(name))
+    distances: Floats = np.max(np.maximum(np.maximum(low - values, values - high), 0.0), axis=0)
+    return distances
