@@ -6,7 +6,8 @@ Chains of springs and bodies that all attract each other. Building is reading, w
 cache holds, without the march; a step is the longer of two runs less the shorter, for each coordinate. Then a record of 300
 coordinates and 1,000 rows with all columns is saved, opened and verified. Times are of the processor, the least of some
 rounds but for building, which is done once a process: each row is one of its own. Last, the largest memory of a process
-that reads and marches a million sites for a few steps, over that before, beside what the record and its log hold.
+that reads and marches a million sites, or cells of a rod, for a few steps, over that before, beside what the record and
+its log hold: by logs, then by methods, and what a march is told to take.
 """
 
 from __future__ import annotations
@@ -19,17 +20,43 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from many_bodies import CHAIN, CLUSTER
 
 import xdynamics as xd
+from xdynamics.march import March
+from xdynamics.march.configuration import settings_for
+from xdynamics.record.size import sizes_of_march
 
 SIZES = {"chain": (10, 30, 100, 1000, 10_000), "bodies": (10, 30, 100, 300, 1000)}
 STEPS = {"chain": 2_000_000, "bodies": 200_000}  # times coordinates, of the longer run
 ROUNDS = 3
 LOGS = ("states", "full")
+MILLION = 1_000_000
+# how a million sites are marched, or by methods for first-order states a million cells
+MARCHES: dict[str, dict[str, object]] = {
+    "velocity_verlet": {"step": 1e-3, "until": 3e-3},
+    "rk4": {"step": 1e-3, "until": 3e-3},
+    "dormand_prince": {"rtol": 1e-4, "until": 0.05},
+    "dop853": {"rtol": 1e-6, "until": 0.05},
+    "radau_iia": {"rtol": 1e-4, "until": 0.5},
+    "radau_iia, atol given": {"rtol": 1e-4, "atol": 1e-6, "until": 0.5},
+}
+ROD = """
+name = "rod"
+[dimensions]
+cell = {n}
+[states.T]
+unit = "K"
+dims = ["cell"]
+rate = "(shift(T, cell, -1, 0*kelvin) - 2*T + shift(T, cell, 1, 0*kelvin))/second"
+[initial]
+T = "kelvin*sin(pi*(index(cell) + 1)/(size(cell) + 1))"
+"""
 
 
 def text_of(kind: str, n: int) -> str:
@@ -97,6 +124,19 @@ def memory(columns: str) -> dict[str, float]:
     return {"taken": taken, "record": run.nbytes / 2**20, "log": log / 2**20}
 
 
+def memory_by(marched: str) -> dict[str, float]:
+    """Return the megabytes that a million elements take by a method, of the record, and what is told of the march."""
+    method, text = marched.partition(",")[0], ROD if marched.startswith("radau") else CHAIN
+    settings: dict[str, Any] = {"method": method, "log": "states"} | MARCHES[marched]
+    xd.simulate(xd.Model.from_text(text.format(n=1000)), **settings)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    model = xd.Model.from_text(text.format(n=MILLION))
+    told = sum(sizes_of_march(March(model, settings_for(model, **settings))).values())
+    run = xd.simulate(model, **settings)
+    taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before
+    return {"taken": taken, "record": run.nbytes / 2**20, "told": told / 2**20}
+
+
 def record() -> None:
     """Print what saving, opening and verifying takes."""
     model = xd.Model.from_text(CHAIN.format(n=300))
@@ -115,7 +155,9 @@ def record() -> None:
 def main() -> None:
     """Print the tables."""
     if sys.argv[1:2] == ["--as-row"]:
-        print(json.dumps(memory(sys.argv[2]) if sys.argv[2] in LOGS else measured(sys.argv[2], int(sys.argv[3]))))
+        asked = sys.argv[2]
+        measure = memory if asked in LOGS else memory_by if asked in MARCHES else partial(measured, n=int(sys.argv[3]))
+        print(json.dumps(measure(asked)))
         return
     record()
     with tempfile.TemporaryDirectory() as folder:
@@ -131,6 +173,12 @@ def main() -> None:
             print(
                 f"10^6 sites, log = {columns!r}: {one['taken']:.0f} MB, of which the record {one['record']:.0f} and in it"
                 f" the log {one['log']:.0f}"
+            )
+        for marched in MARCHES:
+            one = in_a_process(marched, 0)
+            print(
+                f"10^6 elements by {marched}: {one['taken'] - one['record']:.0f} MB over the record of {one['record']:.0f};"
+                f" about {one['told']:.0f} were told before the march"
             )
 
 

@@ -317,6 +317,6 @@ def test_what_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.Monk
     model = xd.Model.from_text(text)
     monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 1e8)
     with pytest.raises(
-        xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes over .* 80 MB of memory"
+        xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes about .* 80 MB of memory"
     ):
         xd.simulate(model)

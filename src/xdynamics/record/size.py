@@ -167,6 +167,6 @@ def _check_march(march: March) -> None:
         of_it = f", {size_text(sizes[largest])} of it {largest}," if largest else ""
         remedy = "fewer elements" + ", or a method that solves no equations" * solves
         raise InputError(
-            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes over {size_text(needed)}{of_it}"
+            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes about {size_text(needed)}{of_it}"
             f" beside its record, and {size_text(room)} of memory can be had; take {remedy}"
         )
