@@ -83,7 +83,7 @@ EDITS: dict[str, tuple[Change, str]] = {
     "size": (lambda run: run.assign(x=run.x.astype("f4")), "variable 'x' is of the type float32, in the run float64"),
     "order": (swapped, "variable 'x' is of the type >f8, in the run float64"),
     "value": (put("x", 4, 7.0), "variable 'x' is 7.0 in row 4, in the run 4.0"),
-    "row": (put("pairs", (3, 1), 0.0), "variable 'pairs' is [6.0, 0.0] in row 3, in the run [6.0, 7.0]"),
+    "row": (put("pairs", (3, 1), 0.0), "variable 'pairs' is 0.0 in row 3, bound 1, in the run 7.0"),
     "nan": (put("event", 1, 2.0), "variable 'event' is 2.0 in row 1, in the run nan"),
     "zero": (put("x", 0, -0.0), "variable 'x' is -0.0 in row 0, in the run 0.0"),
     "far row": (put("bulk", 35_000, 1.0), "variable 'bulk' is 1.0 in row 35000, in the run 35000.0"),

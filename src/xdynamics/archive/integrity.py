@@ -174,13 +174,16 @@ def _values(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterato
 
 
 def _first_apart(now: xr.Variable, then: xr.Variable) -> str:
-    """Describe the first row that differs, a slab at a time."""
+    """Describe the first number that differs, a slab at a time."""
     start = 0
     for mine, theirs in zip(slabs(now), slabs(then), strict=True):
-        apart = np.flatnonzero((_bytes(mine) != _bytes(theirs)).any(axis=1))
-        if apart.size:
-            row = int(apart[0])
-            return f"{_short(mine[row])} in row {start + row}, in the run {_short(theirs[row])}"
+        apart = _bytes(mine) != _bytes(theirs)
+        if apart.any():
+            row, byte = (int(number) for number in np.unravel_index(int(apart.argmax()), apart.shape))
+            size = apart.shape[1] // math.prod(mine.shape[1:])
+            place = np.unravel_index(byte // size, mine.shape[1:])
+            where = "".join(f", {dim} {number}" for dim, number in zip(now.dims[1:], place, strict=True))
+            return f"{_short(mine[row][place])} in row {start + row}{where}, in the run {_short(theirs[row][place])}"
         start += len(mine)
     return f"of the type {now.dtype}, in the run {then.dtype}"
 
