@@ -64,6 +64,9 @@ def test_motion_contacts_and_evidence() -> None:
     assert float(run.event_time[0]) == pytest.approx(1.0, rel=1e-12)
     assert (run.v_y.attrs["units"], run.a_y.attrs["units"], run.total_energy.attrs["units"]) == ("1", "1", "1")
     assert float(run.event_energy_lost[0]) == pytest.approx(0.375, rel=1e-9)
+    start = next(line for line in repr(run.dynamics).splitlines() if line.startswith("energy"))
+    change = float(run.total_energy[-1] - run.total_energy[0])
+    assert start == f"energy    0.5 at the start, band {-change:.3g}, end minus start {change:.3g}"
     study = xd.refine(model, rtols=[1e-4, 1e-6, 1e-8], at=[0.5])
     assert float(study.y[-1, 0]) == pytest.approx(0.375, rel=1e-9)
     budget = xd.error_budget(model.replace(initial={"y": "0.5 ± 0.001"}), "t", event="floor")

@@ -24,6 +24,7 @@ from xdynamics.budgeting.losses import Loss
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
 from xdynamics.budgeting.multistart import drawn_starts, grown, search, searches
+from xdynamics.budgeting.numerical import Compared, Estimate
 from xdynamics.budgeting.random_draws import MOST_DRAWS, Propagation, drawn_until, wanted_of
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.model import toml
@@ -892,3 +893,13 @@ def test_a_slope_that_is_rounding_is_none() -> None:
         0.0,
     )
     assert str(found.term_rule.values) == "no slope but rounding's"
+
+
+@pytest.mark.parametrize(("interpolation", "location", "verdict"), [(1e-9, 0.0, 4), (1e-9, 2e-9, 3), (0.0, 1e-9, 3)])
+def test_what_levels_are_limited_by_is_named(interpolation: float, location: float, verdict: int) -> None:
+    """Assert that events are blamed only where their location is more uncertain than what is between steps."""
+    levels: Any = SimpleNamespace(
+        values=np.array([1e-6, 1e-7, 1e-8]), formal=1.0, order=8.0, varied=SimpleNamespace(keyword="rtols")
+    )
+    found = [Estimate(1.0 + change, interpolation, location, 100, "") for change in (1e-8, 1e-9, 0.0)]
+    assert Compared.of(levels, *found).judgement.verdict == verdict

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +21,7 @@ from xdynamics.evidence.diagnosing.extremes import Extreme
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, SAID
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, SAFETY, observed_orders
-from xdynamics.evidence.refining.judgements import CLOSE, Judged, judge
+from xdynamics.evidence.refining.judgements import CLOSE, EVENT_LIMITED, INTERPOLATION_LIMITED, Judged, judge
 from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task
@@ -119,6 +119,8 @@ class Compared:
             accepted=estimates[-1].steps,
             order=levels.order,
         )
+        if judgement.verdict == EVENT_LIMITED and all(e.interpolation >= e.location for e in estimates):
+            judgement = replace(judgement, verdict=INTERPOLATION_LIMITED)  # what is more than the other is named
         return cls(levels, values, judgement, tuple(estimate.digest for estimate in estimates))
 
     @classmethod

@@ -77,11 +77,11 @@ def _lines_of(run: xr.Dataset) -> list[str]:
     ]
     if "total_energy" in run:
         among = " of the kept rows" if rows_apart(attributes) > 1 else ""
-        energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
+        energy, unit = run["total_energy"].values, unit_suffix(run["total_energy"].attrs["units"])
         band, change = energy.max() - energy.min(), energy[-1] - energy[0]
         lines.append(
-            f"energy    {energy[0]:.{digits(float(energy[0]), relative=_uncertain_part(run))}g} {units} at the start, band {band:.3g} {units}{among}, end minus start"
-            f" {change:.3g} {units}"
+            f"energy    {energy[0]:.{digits(float(energy[0]), relative=_uncertain_part(run))}g}{unit} at the start, band"
+            f" {band:.3g}{unit}{among}, end minus start {change:.3g}{unit}"
         )
     return [
         escaped(line) for line in (*lines, *pace(attributes), *kinks_of_tables(attributes), *_stops(run), *_events(run))
