@@ -378,6 +378,8 @@ def test_numbers_that_do_not_differ_have_no_panel() -> None:
     assert study["difference_z"][:-1].any()
     (axes,) = [axis for axis in xd.plot(study).axes if axis.get_visible()]
     assert axes.get_title(loc="left").startswith("z at t = 1 s")
+    finest = study.assign(z=study.z.copy(data=np.array([[7.0], [8.0], [9.0]])))
+    assert xd.plot(finest).axes[0].get_title(loc="left").startswith("z at t = 1 s = 9")
     assert foot_of(study).endswith("; not drawn, as levels do not differ: y")
     assert "grey" not in foot_of(study)
     assert foot_of(study.assign(y=study.y * np.nan)).endswith("dashed: order 2; without a value: y")
@@ -442,7 +444,7 @@ def test_a_ledger_of_one_method_shows_how_close_each_case_comes() -> None:
 
 
 def test_a_fit_to_few_times_says_that_its_line_is_straight_between() -> None:
-    """Assert the word in the legend, and none of it where there are many times."""
+    """Assert the word in the legend, and none of it where there are many times; and the residuals beside it."""
     for count, label in ((4, "fitted model, straight between the times"), (200, "fitted model")):
         at = np.linspace(0.0, 1.0, count)
         columns = {name: ("at", at, {"units": "m"}) for name in ("y", "measured_y", "residual_y")}
@@ -450,4 +452,7 @@ def test_a_fit_to_few_times_says_that_its_line_is_straight_between() -> None:
         figure, axes = plt.subplots()
         panels_of_fit(fit)[0](axes)
         assert [text.get_text() for text in axes.get_legend().get_texts()] == ["measured", label]
+        axes.clear()
+        panels_of_fit(fit)[1](axes)
+        assert np.array_equal(axes.lines[0].get_ydata(), at)
         plt.close(figure)
