@@ -10,8 +10,10 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.faults import DOT
+from xdynamics.figures import hermite
 from xdynamics.figures.curves import _places, drawn, energy_changes, has_chords, thinned
-from xdynamics.figures.hermite import _hermite, bent
+from xdynamics.figures.hermite import StatePolynomials, _hermite, chain_of
 from xdynamics.figures.plane import views
 
 Floats = Any
@@ -31,6 +33,37 @@ def spring(x: float, v: float, k: float, damping: float = 0.0) -> xd.Model:
         initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
         observables={"power": "-k*x*v_x"},
     )
+
+
+def bent(run: xr.Dataset, name: str, times: Floats, rows: Floats) -> Floats | None:
+    """A state on the polynomials of a run, if its derivatives are known."""
+    known = chain_of({*run.variables}, name)
+    return StatePolynomials(run, times, rows, {name: None})[name] if known else None
+
+
+def test_elements_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that 600 elements take three evaluations, to the bits of each alone; where one has no acceleration, four."""
+    count, names, called = 600, [f"u{DOT}{i}" for i in range(600)], []
+    inside = hermite._inside
+
+    def counted(*arguments: Any) -> Any:
+        called.append(arguments)
+        return inside(*arguments)
+
+    random, time = np.random.default_rng(3), np.array([0.0, 1.0, 1.5, 3.0])
+    columns = {f"{head}u{DOT}{i}": ("step", random.normal(size=4)) for head in ("", "v_", "a_") for i in range(count)}
+    run = xr.Dataset({"time": ("step", time), **columns})
+    times, rows = np.array([0.25, 0.5, 1.25, 2.0]), np.array([0, 0, 1, 2])
+    monkeypatch.setattr(hermite, "_inside", counted)
+    for lacking, evaluations in ((run, 3), (run.drop_vars(f"a_u{DOT}7"), 4)):
+        together = StatePolynomials(lacking, times, rows, dict.fromkeys(names))
+        called.clear()
+        lines = [together[name] for name in names]
+        assert len(called) == evaluations
+        for name, line in zip(names, lines, strict=True):
+            alone = bent(lacking, name, times, rows)
+            assert alone is not None
+            assert line.tobytes() == alone.tobytes(), name
 
 
 def uneven(random: np.random.Generator, span: float) -> list[float]:

@@ -12,18 +12,23 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.observables import state_rates
 from xdynamics.model import Model
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import STEPS, acceleration, rate, velocity
+from xdynamics.shapes import parted
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Rows = NDArray[np.int64]
 Floats = NDArray[np.float64]
+TOGETHER = 256  # elements of a quantity
 
 
 @dataclass(frozen=True)
 class StatePolynomials(Mapping[str, Floats]):
-    """States of a run inside its steps on Hermite polynomials, each evaluated when it is first asked for.
+    """States of a run inside its steps on Hermite polynomials, evaluated when they are first asked for.
+
+    A coordinate from its velocity and acceleration, a velocity from its acceleration, a first-order state from its rate.
 
     Attributes
     ----------
@@ -47,10 +52,27 @@ class StatePolynomials(Mapping[str, Floats]):
         if name not in self._known:
             if name not in self.names:
                 raise KeyError(name)
-            values = bent(self.run, name, self.times, self.rows, self.derived)
-            assert values is not None  # noqa: S101 - by its name
-            self._known[name] = values
+            elements = self._elements[parted(name)[0]]
+            first = elements.index(name) // TOGETHER * TOGETHER
+            self._evaluate(elements[first : first + TOGETHER])
         return self._known[name]
+
+    @cached_property
+    def _elements(self) -> dict[str, list[str]]:
+        """The states by the quantities that they are elements of."""
+        found = dict[str, list[str]]()
+        for name in self.names:
+            found.setdefault(parted(name)[0], []).append(name)
+        return found
+
+    def _evaluate(self, names: list[str]) -> None:
+        """Evaluate elements of a quantity together: one by one each takes as long as some dozens."""
+        columns = _columns(self.run, self.derived)
+        chains = {name: chain_of(columns, name) for name in names}
+        for length in dict.fromkeys(map(len, chains.values())):  # of logs of some elements not all are equally long
+            alike = {name: chain for name, chain in chains.items() if len(chain) == length}
+            values = [np.stack([_values(columns[name]) for name in each]) for each in zip(*alike.values(), strict=True)]
+            self._known.update(zip(alike, _inside(self.run, values, self.times, self.rows), strict=True))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -97,19 +119,24 @@ def derivatives(run: xr.Dataset, model: Model) -> dict[str, Floats]:
     }
 
 
-def bent(
-    run: xr.Dataset, name: str, times: Floats, rows: Rows, derived: Mapping[str, Floats] | None = None
-) -> Floats | None:
-    """Return a state on Hermite polynomials: a coordinate from its velocity and acceleration, a velocity from its acceleration."""
-    columns: Mapping[Any, Any] = ChainMap({**(derived or {})}, run.variables)  # type: ignore[arg-type]
-    if not (chain := chain_of(columns, name)):
-        return None
+def _columns(run: xr.Dataset, derived: Mapping[str, Floats]) -> Mapping[Any, Any]:
+    """Return the columns of a run, and before them what was derived from it."""
+    return ChainMap(derived, run.variables)  # type: ignore[arg-type]
+
+
+def _values(column: Any) -> Floats:
+    """Return the values of a variable, or an array as it is; NumPy by itself takes ten times as long."""
+    values: Floats = column if isinstance(column, np.ndarray) else column.values
+    return values
+
+
+def _inside(run: xr.Dataset, values: list[Floats], times: Floats, rows: Rows) -> Floats:
+    """Return polynomials inside steps through a state, or several of shape (names, steps), and their derivatives."""
     time = run.variables["time"].values
-    values = [np.asarray(columns[derivative]) for derivative in chain]  # rates are in their owner's unit per second
     h = (time[rows + 1] - time[rows]).astype(float)
     return _hermite(
-        [derivative[rows] for derivative in values],
-        [derivative[rows + 1] for derivative in values],
+        [derivative[..., rows] for derivative in values],
+        [derivative[..., rows + 1] for derivative in values],
         h,
         (times - time[rows]) / h,
     )

@@ -11,9 +11,5 @@ def with_role(run: xr.Dataset, *roles: str) -> list[str]:
     They are looked at without coordinates, and in one mapping: a ``DataArray`` of each takes xarray a millisecond where a
     run has a thousand elements, and ``run.variables`` wraps them anew each time that it is asked.
     """
-    coordinates = {*run.coords}
-    return [
-        str(name)
-        for name, variable in run.variables.items()
-        if variable.attrs.get("role") in roles and name not in coordinates
-    ]
+    variables = run.variables
+    return [str(name) for name in run.data_vars if variables[name].attrs.get("role") in roles]
