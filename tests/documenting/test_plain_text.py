@@ -88,3 +88,46 @@ def test_joints_are_named_in_the_motion() -> None:
     assert next(line for line in lines if line.startswith("start ")).endswith(
         "; moved from there to where constraints hold"
     )
+
+
+ROUGH = """
+name = "rough balls"
+[dimensions]
+ball = 50
+[relations.pair]
+of = "ball"
+neighbours = 1
+[coordinates]
+x = { unit = "m", dims = ["ball"] }
+y = { unit = "m", dims = ["ball"] }
+[parameters]
+m = "1 kg"
+[mass]
+x = "m"
+y = "m"
+[contacts.balls]
+gap = "second(y, pair) - first(y, pair)"
+restitution = 0
+tangential = "coulomb"
+slip = "second(v_x, pair) - first(v_x, pair)"
+friction = 0.3
+[initial]
+x = "0*metre"
+y = "index(ball)*metre"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "count"),
+    [
+        ("", "", 1),
+        ("ball = 50", "ball = 49", 0),
+        ('tangential = "coulomb"', 'tangential = "coulomb"\nlaw = "poisson"', 0),
+    ],
+)
+def test_heaps_are_advised_to_step_over_impacts(old: str, new: str, count: int) -> None:
+    """Assert that of fifty bodies that rub, and no fewer, Moreau's method is named before the march, if it takes them."""
+    lines = [one for one in lines_of(xd.Model.from_text(ROUGH.replace(old, new))) if one.startswith("heap ")]
+    assert len(lines) == count
+    assert all("50 bodies may rub on each other by contact 'balls'" in one for one in lines)
+    assert all(one.endswith("method = moreau_jean steps over them") for one in lines)

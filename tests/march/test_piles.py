@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.march import March
-from xdynamics.march.assembly.broad_phase import CULPRIT, CULPRIT_LINK, FAULT, IDLE, UNDECIDED, WHOLE_STEP
+from xdynamics.march.assembly.broad_phase import (
+    CULPRIT,
+    CULPRIT_LINK,
+    FAULT,
+    IDLE,
+    STRAIN,
+    STRAINED,
+    TOGETHER,
+    UNDECIDED,
+    WHOLE_STEP,
+)
 from xdynamics.march.assembly.dispatch import note_idleness
 from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.configuration import settings_for
@@ -347,6 +357,22 @@ def test_links_that_only_seem_to_let_go_end_in_words() -> None:
         run.tallies[place] = number
     assert "101 times in a row" in assembly_dispute(march)
     assert "seemed to let go of one, now contact 'floor' of ball 7, and" in assembly_dispute(march)
+
+
+@pytest.mark.parametrize(
+    ("method", "law", "advised"),
+    [("velocity_verlet", "newton", True), ("velocity_verlet", "sequential", False), ("moreau_jean", "newton", False)],
+)
+def test_forces_that_are_not_found_end_in_words(method: str, law: str, advised: bool) -> None:
+    """Assert what is left, what to change, and that Moreau's method is named where it takes the model and is another."""
+    floor = {"gap": "y", "restitution": 1.0, "law": law}
+    model = flying(np.full(25, 1e-3), contacts={"floor": floor})
+    march = March(model, settings_for(model, method=method, step="1 s", until="100 s"))
+    march.run.tallies[FAULT], march.run.tallies[TOGETHER], march.run.spans[STRAIN] = STRAINED, 21, 3.04e-6
+    text = assembly_dispute(march)
+    assert text.startswith("no forces were found that hold the 21 links that touch: with the best of them bodies still")
+    assert "by 3.0e-06 of what the forces give, and 1e-9 is allowed" in text
+    assert ("or take method = 'moreau_jean', which is for heaps: it steps over impacts" in text) == advised
 
 
 def test_contacts_of_bodies_have_their_forces_along_them() -> None:

@@ -66,11 +66,12 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   impulse, with what forces give in that time, lies within the cones of friction, else the slip
   goes on, as do slips that speed up or whose brake is weaker. Rows of rest and stick say what
   theirs took, in event_energy_lost, the summary what all did.
-  Heaps of a hundred bodies and more: method = moreau_jean. It locates nothing: over each step a
-  contact that is closed in its middle has one impulse, by Newton's law with friction, and bodies
-  overlap by what they approach in a step. Its force in a row is the mean over the step before it,
-  and acts all through the step in states that are sampled there; closed_force_residual is what
-  the equations of all impulses left, at most 1e-6 of rates.
+  Heaps of fifty bodies that rub, and more: method = moreau_jean. Other methods locate each impact,
+  lift and slip, ever more as such a heap comes to rest, and may never reach it. It locates
+  nothing: over each step a contact that is closed in its middle has one impulse, by Newton's law
+  with friction, and bodies overlap by what they approach in a step. Its force in a row is the
+  mean over the step before it, and acts all through the step in states that are sampled there;
+  closed_force_residual is what the equations of all impulses left, at most 1e-6 of rates.
 Limits  Contacts have 24 forces at most, if they are not of a dimension or a relation; law =
   energetic is for one link at a time. They read no drives, and do not go with Python forces nor,
   but by differences, with implicit methods. Where a measured drive jumps, the row at the node holds

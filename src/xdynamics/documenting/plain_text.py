@@ -14,13 +14,16 @@ from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError, spoken
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import layout_of
+from xdynamics.march.assembly_failures import OVER_IMPACTS, marches_over_impacts
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.model.assemblies import assemblies
 from xdynamics.model.bodies import scalar_part, vector_part
 from xdynamics.model.body_reading import made_by
 from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import Condition, conditions
 from xdynamics.model.controllers import held, limited
+from xdynamics.model.entries import COULOMB
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.joints import made_by_joints, tables_of_joint
 from xdynamics.model.parts import Contact, Function
@@ -61,6 +64,7 @@ MOST_NODES = 400  # of the expression of an element, which is told as it is writ
 MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
 MOST_OF_WHOLES = 100_000  # where links far outnumber bodies: derivatives are found for all of them at once
 MOST_UNKNOWNS = 2_000  # accelerations and rates, of whose matrix eigenvalues are sought
+HEAP = 50  # bodies that rub on each other, of which a march that locates every impact has hardly an end
 
 Line = tuple[
     str, Callable[[], str]
@@ -323,3 +327,19 @@ def _scales(model: Model) -> Iterator[str]:
         yield f"method    {name}: order {method.order}{', chooses steps' if method.estimate else ''}{step}"
     for reason, names in refused.items():
         yield f"not by    {', '.join(names)}: {reason}"
+    yield from _heap(model)
+
+
+def _heap(model: Model) -> Iterator[str]:
+    """Advise the method that steps over impacts where many bodies rub on each other."""
+    for assembly in assemblies(model) if model.assemblies else ():
+        relation, rubs = assembly.relation, assembly.contact.tangential == COULOMB
+        if relation is None or relation.source != relation.target or not rubs:
+            continue
+        bodies = model.shapes.extent(relation.source).size
+        if bodies >= HEAP and marches_over_impacts(model):
+            yield (
+                f"heap      {bodies} bodies may rub on each other by contact '{assembly.name}': other methods"
+                " locate each of their impacts, lifts and slips, ever more as they come to rest;"
+                f" method = {OVER_IMPACTS} steps over them"
+            )

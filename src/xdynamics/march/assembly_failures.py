@@ -9,11 +9,15 @@ from xdynamics.march.assembly import broad_phase
 from xdynamics.march.assembly.broad_phase import CULPRIT, CULPRIT_LINK, FAULT
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.run import STEP_LINKS
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.units import Dimension
 
 if TYPE_CHECKING:
     from xdynamics.march.runner import March
+
+OVER_IMPACTS = "moreau_jean"  # the method for heaps
 
 
 def assembly_dispute(march: March) -> str:
@@ -61,9 +65,22 @@ def assembly_dispute(march: March) -> str:
             return (
                 f"the impulses of {run.tallies[broad_phase.TOGETHER]} links that are struck together, {name} the first,"
                 f" were not found: their equations are left with a residual of {left:.3g} {rate}, which is more than"
-                " rounding; law = 'sequential' takes one after the other"
+                f" rounding; law = 'sequential' takes one after the other{_or_over_impacts(march)}"
             )
     return _of_closed(march, gap)
+
+
+def marches_over_impacts(model: Model) -> bool:
+    """Whether Moreau's method takes a model: steps over impacts bring heaps to rest whose impacts cannot all be located."""
+    method = METHODS[OVER_IMPACTS]
+    return not (method.refusals(model) or method.stepper.faults(model, method.name, estimates=False))
+
+
+def _or_over_impacts(march: March) -> str:
+    """Name Moreau's method as the remedy where a located heap ends, if it takes the model and did not make the run."""
+    if march.settings.method.name == OVER_IMPACTS or not marches_over_impacts(march.model):
+        return ""
+    return f"; or take method = '{OVER_IMPACTS}', which is for heaps: it steps over impacts (xdynamics help marching)"
 
 
 def _link(march: March) -> str:
@@ -78,22 +95,24 @@ def _of_closed(march: March, gap: Dimension) -> str:
     match int(run.tallies[FAULT]):
         case broad_phase.STRAINED:
             return (
-                f"the forces of {count or int(run.tallies[broad_phase.TOGETHER])} links that touch were not found: their"
-                f" equations are left with {run.spans[broad_phase.STRAIN]:.3g} of the size of their terms, and 1e-9 is"
-                " allowed; bodies whose masses differ less, fewer of them, or less friction are easier to solve for"
+                f"no forces were found that hold the {count or int(run.tallies[broad_phase.TOGETHER])} links that touch:"
+                f" with the best of them bodies still accelerate into or along each other by"
+                f" {run.spans[broad_phase.STRAIN]:.1e} of what the forces give, and 1e-9 is allowed; bodies may be wedged so"
+                " that friction has no answer, or are too many to solve for: give less friction, masses that differ less,"
+                f" or fewer bodies{_or_over_impacts(march)}"
             )
         case broad_phase.HASTY:
             return (
                 f"{run.tallies[broad_phase.HASTE]} events of links followed each other within what their times are located"
                 " to, and no motion came of them: which links hold and which slide cannot be decided here; start a little"
-                " later or elsewhere, or change friction a little"
+                f" later or elsewhere, or change friction a little{_or_over_impacts(march)}"
             )
         case broad_phase.UNDECIDED:
             return (
                 f"{run.tallies[broad_phase.IDLE]} times in a row, each soon after the last, the forces of {count} links that"
                 f" touch seemed to let go of one, now {_link(march)}, and with all of them together none lifted, slid or"
                 " stuck: they hold more than needs holding, and which forces hold it cannot be decided here; start a little"
-                " elsewhere, or change friction or a radius a little"
+                f" elsewhere, or change friction or a radius a little{_or_over_impacts(march)}"
             )
         case broad_phase.SHIFTED:
             far = run.spans[broad_phase.ASTRAY] * march.settings.scales.of(gap)
