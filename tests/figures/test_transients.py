@@ -11,6 +11,9 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
+from xdynamics.figures.transients import Transient, without
+from xdynamics.schema import OCCURRENCE
+from xdynamics.sweeping.collection import NUMBER
 
 KICKED: dict[str, Any] = {
     "name": "kicked",
@@ -108,3 +111,9 @@ def test_what_has_no_transient_is_refused(diagram: xr.Dataset) -> None:
         xd.plot(plain, transient=9)
     with pytest.raises(xd.InputError, match="transient is for figures of sweeps"):
         xd.plot(xd.compare(run, run), transient=9)
+
+
+def test_as_many_occurrences_are_left_out_as_are_said() -> None:
+    """Assert that of five occurrences those behind the second are left, by their numbers."""
+    sweep = xr.Dataset({"after_section_x": ((OCCURRENCE,), np.arange(5.0)), NUMBER: ((OCCURRENCE,), np.arange(1, 6))})
+    assert without(sweep, Transient(2))[NUMBER].values.tolist() == [3, 4, 5]
