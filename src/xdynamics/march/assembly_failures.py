@@ -58,14 +58,15 @@ def assembly_dispute(march: March) -> str:
             left = run.spans[broad_phase.RESIDUAL] * march.settings.scales.of(rate)
             if run.plan[0].links == STEP_LINKS:
                 return (
-                    f"the impulses of {run.tallies[broad_phase.TOGETHER]} links that are closed in one step were not found:"
-                    f" their equations are left with a residual of {left:.3g} {rate}, which is more than 1e-6 of rates; a"
-                    " smaller step, less friction or bodies whose masses differ less are easier to solve for"
+                    f"no impulses were found for the {run.tallies[broad_phase.TOGETHER]} links that are closed in one"
+                    f" step: with the best of them bodies still move into or along each other by {left:.3g} {rate}, and"
+                    " 1e-6 of the largest speed is allowed; take a smaller step, less friction, masses that differ less, or"
+                    " fewer bodies"
                 )
             return (
-                f"the impulses of {run.tallies[broad_phase.TOGETHER]} links that are struck together, {name} the first,"
-                f" were not found: their equations are left with a residual of {left:.3g} {rate}, which is more than"
-                f" rounding; law = 'sequential' takes one after the other{_or_over_impacts(march)}"
+                f"no impulses were found for the {run.tallies[broad_phase.TOGETHER]} links that are struck together, {name}"
+                f" the first: with the best of them bodies still move into or along each other by {left:.3g} {rate}, which"
+                f" is more than rounding; law = 'sequential' takes one after the other{_or_over_impacts(march)}"
             )
     return _of_closed(march, gap)
 

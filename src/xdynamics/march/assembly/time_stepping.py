@@ -27,7 +27,7 @@ from xdynamics.march.assembly.broad_phase import (
 )
 from xdynamics.march.assembly.closed_links import FRICTIONLESS, SLIDES_BACK, SLIDES_ON, STICKS
 from xdynamics.march.assembly.impact import ALLOWED_OVER_STEP, solve
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, NEAR, NOISE, gap_at, pattern_at, touch
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NEAR, NOISE, gap_at, touch
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.assembly.touching import (
     ACTS,
@@ -42,6 +42,7 @@ from xdynamics.march.assembly.touching import (
     SLIP_SLACK,
     TARGET_RATE,
     enlist,
+    gap_of,
     rate_of,
     slip_of,
 )
@@ -112,12 +113,7 @@ def list_pressed(run: Run, h: float) -> bool:
 def press_on(run: Run, middle: float, h: float, k: int) -> bool:
     """List a candidate if it is closed in the middle of the step, as far as impulses tell; whether there is room for it."""
     touch(run, run.z, middle, k)
-    c, steep = run.candidates[k, ASSEMBLY], 0.0
-    pattern = pattern_at(run.patterns[2 * c + 1])
-    gap, size = pattern.links[0].gap, abs(pattern.links[0].gap)
-    for i in range(run.assemblies[c].coordinates):
-        steep += abs(pattern.directions[0, i])
-        size += abs(pattern.directions[0, i] * pattern.z[i])
+    gap, steep, size = gap_of(run, k)
     slack = NOISE * steep * run.spans[FASTEST]
     if gap > NOISE * size + ALLOWED_OVER_STEP * steep * run.spans[FASTEST] * h:
         return True

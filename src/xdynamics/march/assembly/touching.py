@@ -63,13 +63,8 @@ def list_touching(run: Run, t: float) -> bool:
 def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
     """List a candidate if it is closed, or its gap is as good as zero; False where the list cannot be made."""
     c, link = run.candidates[k, ASSEMBLY], run.candidates[k, LINK]
-    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c + 1])
     touch(run, run.z, t, k)
-    gap, steep, size = pattern.links[0].gap, 0.0, abs(pattern.links[0].gap)
-    for i in range(assembly.coordinates):
-        steep += abs(pattern.directions[0, i])
-        size += abs(pattern.directions[0, i] * pattern.z[i])
-    reach = reach_of(run, k)
+    (gap, steep, size), reach = gap_of(run, k), reach_of(run, k)
     if gap > reach and not is_closed:
         return True
     if not gap >= -OVERLAPPING * reach and not (
@@ -90,6 +85,18 @@ def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
         if held >= 0 and run.lifted[held] == BREAKS:
             run.touching[place, BROKEN] = 1.0 if run.pulls[held] > 0.0 else -1.0
     return True
+
+
+@shared
+def gap_of(run: Run, k: int) -> tuple[float, float, float]:
+    """Return the gap of a candidate that was just looked at, how steep it is, and the size of the terms it is the sum of."""
+    c = run.candidates[k, ASSEMBLY]
+    pattern, steep = pattern_at(run.patterns[2 * c + 1]), 0.0
+    size = abs(pattern.links[0].gap)
+    for i in range(run.assemblies[c].coordinates):
+        steep += abs(pattern.directions[0, i])
+        size += abs(pattern.directions[0, i] * pattern.z[i])
+    return pattern.links[0].gap, steep, size
 
 
 @shared
