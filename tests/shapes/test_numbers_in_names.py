@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -132,3 +133,62 @@ def test_the_command_line_sets_the_last_element(tmp_path: Path) -> None:
     assert "--set 'm[-4]': dimension 'site' has no element -4; it has the elements 0 to 2" in refused.output
     drawn = CliRunner().invoke(main, ["plot", str(archive), "--only", "u[-1]", "-o", str(tmp_path / "u.png")])
     assert drawn.exit_code == 0
+
+
+@pytest.mark.parametrize("target", ["u[", "u[0", "u[0]x", "u]"])
+def test_targets_without_both_brackets(target: str) -> None:
+    """Assert that a reset of what is only nearly an element is refused by its name."""
+    text = model().to_toml().replace('"v_u[-1]" =', f'"{target}" =')
+    with pytest.raises(xd.ModelError, match=f"event 'turn' sets '{re.escape(target)}', which is no coordinate"):
+        xd.Model.from_text(text)
+
+
+def test_one_element_by_two_numbers() -> None:
+    """Assert that two values for one element are refused, where one of them would be lost."""
+    with pytest.raises(xd.ModelError, match=r"\[initial\] names 'u\[2\]' twice"):
+        model().replace(initial={"u[-1]": "2 m", "u[2]": "3 m"})
+    with pytest.raises(xd.ModelError, match=r"\[parameters\] names 'm\[c\]' twice"):
+        model("c", '["a", "b", "c"]').replace(parameters={"m[c]": "2 kg", "m[2]": "3 kg"})
+    with pytest.raises(xd.InputError, match=r"draws have 'm\[2\]' twice"):
+        xd.sweep(model(), {"d": xd.Draws(2, {"m[2]": ("4 kg", "5 kg"), "m[-1]": ("1 kg", "2 kg")})}, **MARCH)
+    with pytest.raises(xd.InputError, match=r"ranges have 'm\[2\]' twice"):
+        xd.sobol_indices(model(), ["m[2]", "m[-1]"], quantity="end_u[2]", draws=4, **MARCH)
+    with pytest.raises(xd.InputError, match=r"until_change names 'u\[2\]' twice"):
+        xd.refine(
+            model(), method="rk4", steps=["0.1 s", "0.05 s"], until="1 s", until_change={"u[2]": "1 m", "u[-1]": "1 mm"}
+        )
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ('"m[-1]" = { "m[2]" = 0.3 }', r"m\[-1\] and m\[2\]: a number with itself has 1"),
+        ('"m[0]" = { "m[2]" = 0.3 }\n"m[-1]" = { "m[0]" = 0.4 }', r"m\[-1\] and m\[0\]: are there twice"),
+        ('"m[0]" = { "m[3]" = 0.3 }', r"'m\[3\]': dimension 'site' has no element 3"),
+    ],
+)
+def test_correlations_of_elements(pairs: str, message: str) -> None:
+    """Assert that pairs are judged by the elements that are meant, and that the section is named."""
+    with pytest.raises(xd.ModelError, match=f"model 'Three on springs': correlations: {message}"):
+        xd.Model.from_text(f"{model().to_toml()}\n[correlations]\n{pairs}\n")
+
+
+def test_discrepancies_of_elements() -> None:
+    """Assert that the discrepancy of an element that is not there, or there twice, is refused with its section."""
+    text = model().to_toml()
+    for names, message in ((("u[3]",), "has no element 3"), (("u[2]", "u[-1]"), "twice")):
+        entries = "\n".join(f'"{name}" = {{ standard = "1 mm" }}' for name in names)
+        with pytest.raises(xd.ModelError, match=rf"'Three on springs': discrepancy: names 'u\[\d\]'.* {message}"):
+            xd.Model.from_text(text.replace('u = { "standard" = "1.0 mm" }', entries))
+
+
+def test_names_that_are_no_text() -> None:
+    """Assert that numbers in the place of names are refused with what is needed."""
+    run = xd.simulate(model(), **MARCH)
+    with pytest.raises(xd.InputError, match="of is 5, needs the name of a coordinate"):
+        xd.diagnose(run, of=5)  # type: ignore[arg-type]
+    for only in ([5], 5):
+        with pytest.raises(
+            xd.InputError, match=re.escape(f"only is {only!r}, needs kinds of panels and names in a list")
+        ):
+            xd.plot(run, only=only)  # type: ignore[arg-type]

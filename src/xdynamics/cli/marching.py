@@ -144,7 +144,7 @@ def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
     from xdynamics.faults import InputError, spoken
 
     sections: dict[str, dict[str, Any]] = {}
-    for name, text in ((model.shapes.inside(given, "--set"), text) for given, text in changes.items()):
+    for name, text in model.shapes.all_inside(changes, "--set").items():
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
             raise InputError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -194,6 +194,8 @@ def _chosen(panels: list[Keyed]) -> list[Keyed]:
 
 def _wanted(run: xr.Dataset, only: Sequence[str]) -> list[str]:
     """Return kinds of panels and names of variables, of a quantity with dimensions those of its elements."""
+    if not isinstance(only, Iterable) or not all(isinstance(word, str) for word in only):
+        raise InputError(f"only is {only!r}, needs kinds of panels and names in a list, like ['energy']")
     drawable = {name for _, names, _ in _panels(run, Beside()) for name in names} | {*_others(run)}
     drawable |= {name for name in Turning(run).unseen if _drawn(run, name)}
     elements, only = dict[str, list[str]](), [*map(lattice.shapes_of(run).inside, only)]

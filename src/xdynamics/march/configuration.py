@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
@@ -35,7 +34,6 @@ from xdynamics.model.switches import (
     landed_on_by_default,
     watched_switches,
 )
-from xdynamics.shapes.naming import spoken
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
 FORCE_SAMPLES = ("all", "none")
@@ -194,12 +192,8 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         return Tolerances(relative, {}, units, number(atol, "atol"))
     # an element's own tolerance counts before that of its block, whichever is written first
     blocks = model.shapes.dims
-    named_inside = [(model.shapes.inside(name, "atol names"), value) for name, value in atol.items()]
-    if twice := [name for name, count in Counter(name for name, _ in named_inside).items() if count > 1]:
-        raise InputError(
-            f"atol names '{spoken(twice[0])}' twice, from the front and from the end; give it one tolerance"
-        )
-    atol = dict(sorted(named_inside, key=lambda entry: entry[0] not in blocks))
+    named_inside = model.shapes.all_inside(atol, "atol names")
+    atol = dict(sorted(named_inside.items(), key=lambda entry: entry[0] not in blocks))
     firsts = {name: model.shapes.first(name) if name in blocks else name for name in atol if name}
     for name, first in firsts.items():
         if first not in units:

@@ -16,6 +16,7 @@ from xdynamics.model.parts import (
     Function,
 )
 from xdynamics.model.statement import Statement
+from xdynamics.model.uncertainty import check_pairs
 from xdynamics.reaction_names import joint_force, joint_torque
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, dims_of
@@ -79,6 +80,10 @@ def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     for name, event in statement.events.items():
         with ledger.entry(f"event '{name}'"):
             _check_targets(event.reset, shapes)
+    with ledger.entry("correlations"):
+        check_pairs(statement.correlations, shapes.inside)
+    with ledger.entry("discrepancy"):
+        shapes.all_inside(statement.discrepancy, "names")
     for name, form in statement.validation.items():
         with ledger.entry(f"validation '{name}'"):
             shapes.placed(form.quantity)

@@ -267,7 +267,7 @@ class Model(ModelTrees):
         own = {title: entries for title, entries in sections.items() if title in ("parameters", "initial")}
         try:
             return sections | {
-                title: {self.shapes.inside(str(name)): entry for name, entry in entries.items()}
+                title: self.shapes.all_inside({str(name): entry for name, entry in entries.items()}, f"[{title}] names")
                 for title, entries in own.items()
                 if isinstance(entries, Mapping)
             }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any
@@ -183,12 +183,26 @@ def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
         for other, value in others.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not -1 <= value <= 1:
                 raise InputError(f"{name} and {other}: {value!r} is no number from -1 to 1")
-            if name == other or (other, name) in coefficients:
-                raise InputError(
-                    f"{name} and {other}: " + ("a number with itself has 1" if name == other else "are there twice")
-                )
             coefficients[name, other] = float(value)
+    check_pairs(coefficients, str)
     return coefficients
+
+
+def check_pairs(pairs: Iterable[tuple[str, str]], inside: Callable[[str], str]) -> None:
+    """Refuse a number's correlation with itself, and pairs that occur twice, by the names that they have inside.
+
+    Raises
+    ------
+    InputError
+    """
+    known = set[frozenset[str]]()
+    for name, other in pairs:
+        pair = frozenset(map(inside, (name, other)))
+        if len(pair) == 1 or pair in known:
+            raise InputError(
+                f"{name} and {other}: " + ("a number with itself has 1" if len(pair) == 1 else "are there twice")
+            )
+        known.add(pair)
 
 
 # Wichura 1988, algorithm AS 241 (doi:10.2307/2347330): numerator and denominator near the middle, in the tails, far out

@@ -8,17 +8,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, few, written
+from xdynamics.faults import InputError, few, spoken, written
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
 
 _NUMBER = re.compile(r"-?[0-9]{1,12}")
 _ELEMENT = re.compile(r"(\w+)\[([^\[\]]*)\]")  # as people write it, with whatever between its brackets
 _COMPARED = 1000  # labels among which a like one is looked for
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,8 @@ class Shapes:
         >>> shapes.inside("u[-1]"), shapes.inside("maximum_v_u[3]"), shapes.inside("u"), shapes.inside("k")
         ('u·8', 'maximum_v_u·3', 'u', 'k')
         """
+        if not isinstance(name, str):
+            return name
         match = _ELEMENT.fullmatch(name)
         if match is None:
             return written(name)
@@ -247,6 +251,22 @@ class Shapes:
         except InputError as error:
             raise InputError(f"{where} '{name}': {error}".lstrip()) from None
         return element(match[1], (extent.label(number) for extent, number in zip(extents, numbers, strict=True)))
+
+    def all_inside(self, entries: Mapping[str, T], where: str) -> dict[str, T]:
+        """Return entries by names as they are named inside.
+
+        Raises
+        ------
+        InputError
+            If a dimension has no such element, or two names are those of one.
+        """
+        found: dict[str, T] = {}
+        for name, entry in entries.items():
+            own = self.inside(name, where)
+            if own in found:
+                raise InputError(f"{where} '{spoken(own)}' twice; give it one value")
+            found[own] = entry
+        return found
 
     def first(self, name: str) -> str:
         """Return the name of the first element of a quantity."""

@@ -29,10 +29,10 @@ def whole_of(name: str) -> str:
 
     Examples
     --------
-    >>> whole_of("v_u·3"), whole_of("v_u[-1]"), whole_of("g")
-    ('v_u', 'v_u', 'g')
+    >>> whole_of("v_u·3"), whole_of("v_u[-1]"), whole_of("g"), whole_of("v_u[")
+    ('v_u', 'v_u', 'g', 'v_u[')
     """
-    return name.partition(DOT)[0].partition("[")[0]
+    return name.partition("[")[0] if name.endswith("]") else name.partition(DOT)[0]
 
 
 def parted(name: str) -> tuple[str, tuple[str, ...]]:

@@ -214,7 +214,7 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
                 )
             )
         return tuple(columns)
-    ends = {model.shapes.inside(name): pair for name, pair in draws.ends.items()}
+    ends = model.shapes.all_inside(draws.ends, "draws have")
     for i, name in enumerate(names):
         column = range_of(model, name, ends[name])
         low, high = column.values.tolist()

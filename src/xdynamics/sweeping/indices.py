@@ -88,7 +88,7 @@ def sobol_indices(
     check_model(model)
     _check(ranges, draws, resamples)
     spans: dict[str, AxisColumn | Parameter]
-    named = [model.shapes.inside(str(name)) for name in ranges]
+    named = [*model.shapes.all_inside(dict.fromkeys(map(str, ranges)), "ranges have")]
     if isinstance(ranges, Mapping):
         spans = {name: _span(model, name, ends) for name, ends in zip(named, ranges.values(), strict=True)}
     else:

@@ -150,6 +150,8 @@ def diagnose(
     check_every_column(run.attrs, "a diagnosis")
     if reference is not None or lyapunov is not False:
         check_whole(run)  # cycles are counted, and changes followed, from the start
+    if not isinstance(of, str | None):
+        raise InputError(f"of is {of!r}, needs the name of a coordinate")
     request = DiagnosisRequest(
         of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences")
     )

@@ -216,9 +216,7 @@ def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, floa
     """Read the tolerated change of each number, in its unit."""
     if until_change and not study.levels.ordered:
         raise InputError(f"until_change goes on with finer levels, and {study.levels.varied.keyword} have none")
-    names = {
-        study.levels.model.shapes.inside(name, "until_change names"): wanted for name, wanted in until_change.items()
-    }
+    names = study.levels.model.shapes.all_inside(until_change, "until_change names")
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
     units |= {number.name: number.units for number in numbers_named(study, names)} if until_change else {}
     tolerances = {}
