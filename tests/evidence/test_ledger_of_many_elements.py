@@ -172,3 +172,48 @@ def test_proven_bounds_of_many_elements_are_one_line(monkeypatch: pytest.MonkeyP
         assert 0.0 < parts[k - 3 * i] == parts.max()
     lazy = xd.validate(model, proven=True, compute=False)
     assert lazy.case_elements.values.tolist() == [3, 3]
+
+
+LONG = 2000  # sites: of those near the end the sine at the start, and in the closed form, is rounded by more than the bound
+
+
+def long_chain(planted: str = "") -> xd.Model:
+    """Return a chain whose motion is so slow that rounding of its expressions is all there is, without its event."""
+    expression = f"{MOTION}{planted}"
+    text = CHAIN.replace('[events.start]\nfunction = "t - 0.15*second"\n', "").format(n=LONG)
+    return xd.Model.from_text(text + FORM.format(quantity="u", expression=expression, bound="order", more=""))
+
+
+def test_a_bound_counts_what_rounding_does_to_expressions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a chain passes only with the parts of its bound that are for closed form and start, which are derived."""
+    found = xd.validate(long_chain())
+    assert words_of(found.verdict) == ["passed"]
+    for part in (found.bound_closed_form, found.bound_start):
+        # three roundings of the argument, which is near pi, by half a spacing: times the amplitude of 100 mm
+        assert 0.0 < float(part[0]) < 100.0 * 1.5 * np.spacing(np.pi)
+    few = xd.validate(model_of(9, "rounding"))
+    monkeypatch.setattr(case_runs.CaseRuns, "rounding_of_expressions", lambda *_: (0.0, 0.0))
+    bare, bare_few = xd.validate(long_chain()), xd.validate(model_of(9, "rounding"))
+    assert words_of(bare.verdict) == ["failed"]
+    assert int(bare.case_elements_failed[0]) < LONG // 100
+    parts = few.bound_closed_form + few.bound_start
+    np.testing.assert_allclose(few.bound - bare_few.bound, parts, rtol=1e-6)
+    assert min(few.bound_closed_form.max(), few.bound_start.max()) > 0.0
+
+
+def test_an_error_of_ten_times_the_bound_fails() -> None:
+    """Assert that a closed form that is off by ten times the bound is told, in either direction."""
+    bound = float(xd.validate(long_chain()).bound[0])
+    for sign in "+-":
+        found = xd.validate(long_chain(f" {sign} {0.01 * bound!r}*metre"))
+        assert words_of(found.verdict) == ["failed"]
+        assert int(found.case_elements_failed[0]) > 0
+
+
+def test_a_start_of_numbers_is_not_carried() -> None:
+    """Assert that a start without an expression adds nothing to a bound, and a closed form by itself does."""
+    model = model_of(FEW, "order")
+    numbers = [model.initial[name].value for name in model.shapes.elements("u")]
+    found = xd.validate(model.replace(initial={"u": {"unit": "mm", "value": numbers}}))
+    assert found.bound_start.values.tolist() == [0.0]
+    assert found.bound_closed_form[0] > 0.0

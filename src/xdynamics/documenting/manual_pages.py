@@ -97,7 +97,8 @@ rest on.
                a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or
                a model against the law of its contacts and its own [validation.x]; of over 100
-               elements of a quantity one line, with case_worst_element, case_elements_failed
+               elements of a quantity one line, with case_worst_element, case_elements_failed; the
+               parts of a bound for rounding of expressions: bound_closed_form, bound_start
   enclose      proven bounds of every motion, for all starts and parameters within their half_width,
                through tables over time, switches and resets (`xdynamics help enclose`)
   error_budget of one number, at a time or an event, or of the largest load of a run: truncation,

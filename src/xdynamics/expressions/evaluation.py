@@ -44,7 +44,7 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
     >>> evaluate(parse("where(x > 1, x**-1.5, 1/0)"), {"x": 4.0})
     0.125
     """
-    value: float = _walked(node, values, FLOATS)
+    value: float = walked(node, values, FLOATS)
     return value
 
 
@@ -65,7 +65,7 @@ def evaluate_many(node: Node, values: Mapping[str, Any], math_functions: str = N
     [0.125, inf]
     """
     with np.errstate(all="ignore"):  # 1/0 is inf, as in compiled code
-        return _walked(node, values, _of_arrays(math_functions))
+        return walked(node, values, _of_arrays(math_functions))
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,14 @@ class Arithmetic:
     where: Callable[..., Any]
 
 
-def _walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
+def walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
+    """Return the value of a tree by the operators and functions of one kind of numbers.
+
+    Raises
+    ------
+    InputError
+        If a name has no value, or a value is known along a march alone.
+    """
     match node:
         case Number():
             return node.value
@@ -87,28 +94,28 @@ def _walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
                 raise InputError(f"name '{node.name}' has no value; there are {', '.join(values) or 'none'}")
             return values[node.name]
         case Negative():
-            return -_walked(node.operand, values, by)
+            return -walked(node.operand, values, by)
         case Binary():
             first, links = chain(node)
-            return reduce(lambda left, part: _joined(part, left, values, by), links, _walked(first, values, by))
+            return reduce(lambda left, part: _joined(part, left, values, by), links, walked(first, values, by))
         case Compare():
-            return by.operators[node.operator](_walked(node.left, values, by), _walked(node.right, values, by))
+            return by.operators[node.operator](walked(node.left, values, by), walked(node.right, values, by))
         case Call(function="where"):
             condition, yes, no = node.arguments
-            ways = (lambda: _walked(yes, values, by), lambda: _walked(no, values, by))
-            return by.where(_walked(condition, values, by), *ways)
+            ways = (lambda: walked(yes, values, by), lambda: walked(no, values, by))
+            return by.where(walked(condition, values, by), *ways)
         case Call(function="min" | "max"):
-            return reduce(by.choices[node.function], (_walked(part, values, by) for part in node.arguments))
+            return reduce(by.choices[node.function], (walked(part, values, by) for part in node.arguments))
         case Call(function="delayed"):
             raise InputError(f"'{shown(node)}' is known along a march alone; record it as an observable, and read that")
         case Call():
-            return by.functions[node.function](*(_walked(part, values, by) for part in node.arguments))
+            return by.functions[node.function](*(walked(part, values, by) for part in node.arguments))
 
 
 def _joined(node: Binary, left: Any, values: Mapping[str, Any], by: Arithmetic) -> Any:
     if node.operator == "**":
         return power(left, exponent_of(node.right) or Fraction(0), by)
-    return by.operators[node.operator](left, _walked(node.right, values, by))
+    return by.operators[node.operator](left, walked(node.right, values, by))
 
 
 def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:

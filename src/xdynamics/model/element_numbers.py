@@ -21,6 +21,7 @@ from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes, at, dims_of
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes.precise_evaluation import rounding_errors
 from xdynamics.units import Quantity, Unit, constant
 
 Place = Mapping[str, int]
@@ -119,6 +120,23 @@ class ElementNumbers:
         numbers = numbers / float(unit.factor)
         # of one number for a million elements there is one
         return Numbers(numbers if dims_of(values.tree, self.shapes) else np.broadcast_to(numbers.flat[0], shape), unit)
+
+    def rounding_at_start(self, parameters: Mapping[str, Parameter], initial: Mapping[str, Quantity]) -> dict[str, Any]:
+        """Return what rounding did to each quantity at the start that is given by an expression, in SI units.
+
+        Parameters
+        ----------
+        parameters, initial : mapping of str
+            Of the elements: numbers as they are, of which the expressions would have more digits.
+        """
+        found = {}
+        for name, values in self.statement.starting.items():
+            if values.tree is not None:
+                dims = self.shapes.dims.get(name, ())
+                numbers = in_si(initial, Blocks.of("", [name], self.shapes)).reshape(self.shapes.shape(dims))
+                known = self._known(values.tree, parameters)
+                found[name] = rounding_errors(values.tree, dims, known, self.shapes, numbers)
+        return found
 
     def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return the values that an expression may read, in SI units: parameters and constants."""

@@ -51,7 +51,7 @@ def evaluate_elements(
     InputError
         If a name has no value.
     """
-    walk = _Walk(values, shapes, beside)
+    walk = Walk(values, shapes, beside)
     if beside or not dims or not _by_itself(node):
         return walk.along(node, dims).copy()
     sizes = shapes.shape(dims)
@@ -61,7 +61,7 @@ def evaluate_elements(
     found = np.empty(sizes)
     for first in range(0, sizes[0], count):  # of a million elements each intermediate result would be as large
         piece = slice(first, min(first + count, sizes[0]))
-        found[piece] = _Walk(values, shapes, beside, {dims[0]: piece}).along(node, dims)
+        found[piece] = Walk(values, shapes, beside, {dims[0]: piece}).along(node, dims)
     return found
 
 
@@ -70,7 +70,7 @@ def _by_itself(node: Node) -> bool:
     return all(part.function in ("index", "size") for part in every(node) if isinstance(part, Along))
 
 
-class _Walk:
+class Walk:
     """Evaluates parts as arrays with an axis for each dimension and relation, of length 1 where they do not vary.
 
     Of some dimensions it may know a part of the elements.
@@ -84,8 +84,12 @@ class _Walk:
 
     def along(self, node: Node, dims: tuple[str, ...]) -> Array:
         """Return the value of an expression along some dimensions."""
+        return self.spread(np.asarray(self.value(node), float), dims)
+
+    def spread(self, value: Array, dims: tuple[str, ...]) -> Array:
+        """Return values with every axis, or a number, along some dimensions."""
         shape = [self._length(dim) if dim in dims else 1 for dim in self.axes]
-        spread = np.broadcast_to(np.asarray(self.value(node), float), shape).reshape(
+        spread = np.broadcast_to(value, shape).reshape(
             [size for dim, size in zip(self.axes, shape, strict=True) if dim in dims]
         )
         order = [dim for dim in self.axes if dim in dims]
@@ -97,9 +101,9 @@ class _Walk:
 
     def value(self, node: Node) -> Any:
         """Return the value of an expression."""
-        return evaluate_many(self._replaced(node), self.values)
+        return evaluate_many(self.replaced(node), self.values)
 
-    def _replaced(self, node: Node) -> Node:
+    def replaced(self, node: Node) -> Node:
         """Return an expression in which whatever has dimensions by itself is the name of its value."""
         match node:
             case Name() if node.name in self.shapes.dims and node.name in self.values:
@@ -107,20 +111,20 @@ class _Walk:
             case Element() if node.name in self.values:
                 return self._kept(self._element(node))
             case Negative():
-                return replace(node, operand=self._replaced(node.operand))
+                return replace(node, operand=self.replaced(node.operand))
             case Binary():
                 first, links = chain(node)
-                tree = self._replaced(first)
+                tree = self.replaced(first)
                 for link in links:
-                    right = link.right if link.operator == "**" else self._replaced(link.right)
+                    right = link.right if link.operator == "**" else self.replaced(link.right)
                     tree = Binary(link.operator, tree, right, link.column)
                 return tree
             case Compare():
-                return replace(node, left=self._replaced(node.left), right=self._replaced(node.right))
+                return replace(node, left=self.replaced(node.left), right=self.replaced(node.right))
             case Call():
-                return replace(node, arguments=tuple(map(self._replaced, node.arguments)))
+                return replace(node, arguments=tuple(map(self.replaced, node.arguments)))
             case Along():
-                return self._kept(self._along(node))
+                return self._kept(self.along_dimensions(node))
         return node
 
     def _kept(self, value: Any) -> Name:
@@ -143,7 +147,7 @@ class _Walk:
         known = tuple(self.pieces.get(dim, slice(None)) for dim in dims)
         return values[known].transpose(order).reshape(shape)
 
-    def _along(self, node: Along) -> Any:
+    def along_dimensions(self, node: Along) -> Any:
         """Return the value of a function along dimensions."""
         dim = node.dims[0]
         extent, axis = self.shapes.extent(dim), self.axes.index(dim)
@@ -201,9 +205,11 @@ class _Walk:
         return np.take_along_axis(wide, places[..., None], -1)[..., 0]
 
     def _full(self, node: Node, dims: tuple[str, ...]) -> Any:
+        return self.full(np.asarray(self.value(node)), dims)
+
+    def full(self, whole: Any, dims: tuple[str, ...]) -> Any:
         """Return a value that has all elements along some dimensions."""
-        whole = np.asarray(self.value(node))
-        whole = whole.reshape(whole.shape or (1,) * len(self.axes))
+        whole = whole if whole.ndim == len(self.axes) else whole.reshape((1,) * len(self.axes))
         sizes = zip(self.axes, whole.shape, strict=True)
         return np.broadcast_to(whole, [self.shapes.extent(dim).size if dim in dims else size for dim, size in sizes])
 

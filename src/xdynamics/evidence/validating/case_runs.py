@@ -17,6 +17,7 @@ from xdynamics.evidence.observed_quantities import given_to
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import scale_of
 from xdynamics.evidence.validating.ledger_rows import LedgerRow
+from xdynamics.evidence.validating.rounded_expressions import MAGNIFIED, rounding_of_form, start_without_rounding
 from xdynamics.evidence.validating.worst_elements import MOST_ALONE, of_worst
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
@@ -121,6 +122,12 @@ class CaseRuns:
         settings = {key: value for key, value in self.model.run.items() if key != "scales"}
         return self.marched(**settings | self.asked | {"scales": {}})
 
+    @cached_property
+    def moved(self) -> xr.Dataset | None:
+        """The run from a start without rounding, by `MAGNIFIED` times as much; None where that is the start itself."""
+        model = start_without_rounding(self.model)
+        return None if model is None else whole_of(self._march(model, **self.asked))
+
     def filled(self, row: LedgerRow, case: Validation) -> LedgerRow:
         """Return a line with its residual, bound and scale: of a quantity with dimensions those of its worst element.
 
@@ -153,6 +160,7 @@ class CaseRuns:
                 residual, expected = residual[-part:], expected[-part:]
             else:
                 bound = self.bound(case)
+            of_form, of_start = self.rounding_of_expressions(case)
         except LookupError as error:
             return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
         if case.bound == UNSCALED:
@@ -161,7 +169,8 @@ class CaseRuns:
                 return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
             residual, expected = np.abs(here - there), there
         scale = scale_of(expected, residual)  # where 0 is expected, the residual is the computed value
-        return of_worst(row, self._block(case), np.max(residual, axis=0), bound, scale)
+        bound = bound + of_form + of_start
+        return of_worst(row, self._block(case), np.max(residual, axis=0), bound, scale, of_form, of_start)
 
     def _block(self, case: Validation) -> Block:
         """Return the elements that are compared together: of one element, or without dimensions, that alone."""
@@ -218,6 +227,25 @@ class CaseRuns:
                 error = error + uncertainty * np.abs(column(run, rate).values[row - 1])
         return error
 
+    def rounding_of_expressions(self, case: Validation) -> tuple[Any, Any]:
+        """Return what rounding did to a closed form, and what the march made of what it did to the start, of each element.
+
+        The second is found by another march, from a start that is moved by a multiple of its rounding. Where steps or
+        events of that are others, it is left out, as both are of bounds that are given or that know of no closed form.
+        """
+        if isinstance(case.bound, Quantity) or case.bound == UNSCALED:
+            return 0.0, 0.0
+        run, factor = self.run, float(parse_unit(_units(self.run, case)).factor)
+        times = self._times(run, case)
+        of_form = rounding_of_form(self.model, case, self._block(case), times, self._exact(case, times)) / factor
+        if self.moved is None or self.moved.attrs["run_outcome"] not in GOOD:
+            return of_form, 0.0
+        try:
+            here, there = (self._deviation(record, case) for record in (run, self.moved))
+        except LookupError:
+            return of_form, 0.0
+        return of_form, _largest(there - here) / MAGNIFIED if here.shape == there.shape else 0.0
+
     def _rate_of(self, name: str) -> str:
         """Return the recorded rate of a coordinate or velocity, or of an element of one; of others nothing."""
         whole, labels = parted(name)
@@ -233,6 +261,10 @@ class CaseRuns:
         LookupError
             If the event was not met that often.
         """
+        return np.abs(self._deviation(run, case))
+
+    def _deviation(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return differences from the closed form, in the record's unit."""
         name, times = case.quantity, self._times(run, case)
         if case.event:
             values = times if name == "t" else column(run, name).values[_met(run, case)[1] :][:1]
@@ -240,7 +272,7 @@ class CaseRuns:
             values = self._at(run, name, times)
         else:
             values = column(run, name).values
-        return np.abs(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
+        return np.asarray(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
 
     def _times(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the times at which a closed form is compared."""

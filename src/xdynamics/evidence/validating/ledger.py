@@ -73,7 +73,7 @@ def validate(
         `case_observable`, `case_elements` (over 100 elements of one
         quantity are one case; `case_worst_element` is the one whose residual is the largest part of its bound,
         `case_elements_failed` says how many are above theirs), `case_where` (times, or an event), `case_norm`, `residual` and `bound` (in `case_units`),
-        `scaled_residual` over `residual_scale` (the largest expected size, in `case_units`; one expected value may be
+        of the bound `bound_closed_form` and `bound_start` (below), `scaled_residual` over `residual_scale` (the largest expected size, in `case_units`; one expected value may be
         0), `case_bound_rule`, `verdict` (a flag: passed failed refused), `case_note`, `case_run` (content digest).
 
     Raises
@@ -88,7 +88,10 @@ def validate(
     uncertainty of its location. `order`: the error with twice the step over 2**(p - 1/2): halving the step divides
     it by 2**p, so a method that has lost one order does not pass; at most half the largest value. `band`: for
     symplectic methods, in the last tenth 1.5 times the largest error in the first tenth, at most a fifth of the value.
-    `unscaled`: rounding, compared with the same march in SI units.
+    `unscaled`: rounding, compared with the same march in SI units. Each but the last, if it is not given, has two more
+    parts for the rounding of expressions, which near a zero of a sine is as large as near its summit: what the closed
+    form is off from itself with 31 digits (cross products left out), and what the expressions of `[initial]` are, of
+    which another march tells how far it has come at the end.
 
     Examples
     --------

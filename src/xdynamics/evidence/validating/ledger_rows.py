@@ -26,6 +26,7 @@ SCALE_RULE = (
     "largest size of the closed form where it is compared (of an event's time from the start), never its value at one"
     " time, which may pass zero; where it is 0 throughout, largest size of what was computed"
 )
+IN_UNITS = {"comment": "in the unit that case_units names"}
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ class LedgerRow:
     elements: int = 1
     failed_elements: int = 0
     worst: str = ""
+    of_form: float = 0.0
+    of_start: float = 0.0
 
     @property
     def verdict(self) -> int:
@@ -82,7 +85,7 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         name: ((CASE,), np.array([spoken(getattr(row, key)) for row in rows]), about("1", long_name, ROLE))
         for name, (key, long_name) in words.items()
     }
-    numbers = about("1", "", ROLE) | {"comment": "in the unit that case_units names"}
+    numbers = about("1", "", ROLE) | IN_UNITS
     variables |= {
         "case_stage": (
             (CASE,),
@@ -111,9 +114,22 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
             about("1", "result of the case", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
     }
+    variables |= _parts_of_bounds(rows)
     variables |= _counts(rows)
     runs = [digest for digest in dict.fromkeys(row.run for row in rows) if digest]
     return exhibit("ledger", title, runs, variables, {})
+
+
+def _parts_of_bounds(rows: Sequence[LedgerRow]) -> dict[str, Any]:
+    """Return what of each bound is for the rounding of expressions."""
+    parts = {
+        "bound_closed_form": ("of_form", "part of bound: rounding of the closed form, beside the same with 31 digits"),
+        "bound_start": ("of_start", "part of bound: rounding of the start's expressions, carried by another march"),
+    }
+    return {
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE) | IN_UNITS)
+        for name, (key, long_name) in parts.items()
+    }
 
 
 def _counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 MOST_ALONE = 100  # elements of one closed form, each of which has a line of its own
 
 
-def of_worst(row: LedgerRow, block: Block, residual: Any, bound: Any, scale: Any) -> LedgerRow:
+def of_worst(
+    row: LedgerRow, block: Block, residual: Any, bound: Any, scale: Any, of_form: Any = 0.0, of_start: Any = 0.0
+) -> LedgerRow:
     """Return a line with residual, bound and scale of the element whose residual is the largest part of its bound.
 
     Parameters
@@ -24,8 +26,11 @@ def of_worst(row: LedgerRow, block: Block, residual: Any, bound: Any, scale: Any
         The elements; without dimensions there is one number.
     residual, bound, scale : float or ndarray, shape of the block or ()
         A residual of nan has failed.
+    of_form, of_start : float or ndarray, shape of the block or ()
+        The parts of the bound that are for the rounding of expressions.
     """
-    residuals, bounds, scales = (np.broadcast_to(found, block.shape).ravel() for found in (residual, bound, scale))
+    given = (residual, bound, scale, of_form, of_start)
+    residuals, bounds, scales, forms, starts = (np.broadcast_to(found, block.shape).ravel() for found in given)
     failed = ~(residuals <= bounds)
     parts = np.divide(residuals, bounds, out=np.where(residuals > 0.0, np.inf, 0.0), where=bounds > 0.0)
     parts = np.where(np.isnan(parts) | np.isnan(residuals), np.inf, parts)
@@ -36,6 +41,8 @@ def of_worst(row: LedgerRow, block: Block, residual: Any, bound: Any, scale: Any
         residual=float(residuals[worst]),
         bound=float(bounds[worst]),
         scale=float(scales[worst]),
+        of_form=float(forms[worst]),
+        of_start=float(starts[worst]),
         worst=block.element(worst) if block.dims else "",
         failed_elements=int(failed.sum()),
     )
