@@ -18,7 +18,6 @@ from xdynamics.faults import InputError
         ("folder", "is a directory; name a file in it"),
         ("pipe", "is a pipe (FIFO); name a file"),
         ("none", "does not exist"),
-        ("file/below", "does not exist"),
     ],
 )
 def test_what_is_no_file_is_told(tmp_path: Path, name: str, said: str) -> None:
@@ -29,6 +28,8 @@ def test_what_is_no_file_is_told(tmp_path: Path, name: str, said: str) -> None:
     with pytest.raises(InputError, match=f"^'{re.escape(str(tmp_path / name))}' {re.escape(said)}$"):
         check_source(tmp_path / name)
     check_source(tmp_path / "file")
+    with pytest.raises(InputError, match="/file/below' does not exist: '.*/file' is a file, no folder$"):
+        check_source(tmp_path / "file" / "below")
 
 
 def test_a_backslash_anywhere_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

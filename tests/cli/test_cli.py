@@ -400,7 +400,7 @@ def test_options_take_elements(tmp_path: Path) -> None:
         assert run.attrs["solver_log_variables"] == "r[0,x] v_r[1,y]"
         assert run.r.values[0, 0, 0] == 0.96
     wrong = call("run", MODELS / "figure_eight.toml", "-o", path, "--set", "r[3, x]=0.96")
-    assert "--set r[3, x]: no such parameter or initial value" in wrong.output
+    assert "--set 'r[3, x]': dimension 'body' has no element 3; it has the elements 0 to 2" in wrong.output
     drawn = call("plot", path, "--only", "r[0, x], v_r[1, y]", "-o", tmp_path / "run.png")
     assert drawn.exit_code == 0, drawn.output
 

@@ -70,7 +70,7 @@ def test_a_record_does_not_show_the_order_of_its_log(asked: dict[str, Any], monk
     usual = runs()
     assert (usual[0].sizes["event"] > 0) is watched
     assert usual[0].step_size.values.flags["C_CONTIGUOUS"]
-    monkeypatch.setattr("xdynamics.march.runner.is_wide", lambda _: False)
+    monkeypatch.setattr("xdynamics.march.log.is_wide", lambda _: False)
     for run, other in zip(usual, runs(), strict=True):
         assert set(run.variables) == set(other.variables)
         for name, values in run.variables.items():
