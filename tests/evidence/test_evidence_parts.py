@@ -215,7 +215,8 @@ def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **mor
         formal=2.0,
         model=OSCILLATOR,
     )
-    return SimpleNamespace(outlines=outlines, levels=levels, numbers=lambda: [one])
+    subjects = SimpleNamespace(shapes=OSCILLATOR.shapes)
+    return SimpleNamespace(outlines=outlines, levels=levels, subjects=subjects, numbers=lambda: [one])
 
 
 def test_the_next_level_is_held_against_rows_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:

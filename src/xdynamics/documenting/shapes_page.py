@@ -82,6 +82,11 @@ CLOSING = (
         "In Python they are arrays of numpy too, DataFrames in the place of tables, and DataArrays, which have their unit in the"
         " attribute units and may stand in any order of dimensions and labels: model.replace(initial={'r': run.r.isel(step=-1)})."
     ),
+    (
+        "refine tells the states after each event: after_ground_r are those of the element that the event is of, and"
+        " all_after_ground_r(level, occurrence, event_body, body, axis) those of all elements at the event of each, up to a"
+        " million numbers; beyond, the attribute left_out says what to ask for."
+    ),
     "Elsewhere an element is named by its labels or by its numbers from 0, of which -1 is the last: --quantity 'u[-1]', --axis 'm[Sun]=1:2:5 kg', model.replace(parameters={'m[Sun]': …}); a reset sets one by set = { 'v_u[3]' = \"…\" }, and in an event with dimensions each its own of what is set whole.",
 )
 

@@ -119,7 +119,7 @@ def _called(study: xr.Dataset, name: str) -> str:
     """Name a number as one says it: the time of an event, a state after it."""
     if name.startswith("event_time_"):
         return f"time of {name.removeprefix('event_time_')}"
-    return str(study[name].attrs["long_name"]) if name.startswith("after_") else name
+    return str(study[name].attrs["long_name"]) if name.startswith(("after_", "all_after_")) else name
 
 
 def telling(study: xr.Dataset, name: str) -> bool:

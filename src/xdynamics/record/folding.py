@@ -13,7 +13,18 @@ from xdynamics.faults import InputError
 from xdynamics.record.element_attributes import attributes_of_whole
 from xdynamics.record.element_names import Names, Whole
 from xdynamics.record.laziness import is_chunked
-from xdynamics.schema import LABEL, LINK, LINK_OF, MODEL_DIMENSIONS, NOWHERE, end_of, flags, label_of, logged_of
+from xdynamics.schema import (
+    LABEL,
+    LINK,
+    LINK_OF,
+    MODEL_DIMENSIONS,
+    NOWHERE,
+    at_event,
+    end_of,
+    flags,
+    label_of,
+    logged_of,
+)
 from xdynamics.shapes import Shapes
 
 if TYPE_CHECKING:
@@ -113,6 +124,8 @@ def about_dimensions(shapes: Shapes, dims: set[str]) -> dict[str, tuple[tuple[st
             numbered = all(map(str.isdecimal, labels))  # of a dimension without labels, as no label is a number
             named = dim.removeprefix(logged_of(""))
             told = f"label of the {dim}" if named == dim else f"which {named}: its {'number' if numbered else 'label'}"
+            if (of_event := dim.removeprefix(at_event(""))) in shapes.extents and of_event != dim:
+                told = f"label of the {of_event} that the event is of"
             attributes = {"units": "1", "long_name": told, "role": LABEL}
             parts[label_of(dim)] = ((dim,), np.array(labels).astype("i4") if numbered else np.array(labels), attributes)
     return parts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
-from itertools import product
+from itertools import compress, product
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -93,18 +93,22 @@ def _elements(
     """Yield the elements of a variable."""
     import xarray as xr
 
-    own = tuple(dim for dim in variable.dims if dim not in inner)
-    take = _taker(variable.transpose(*own, *inner) if variable.dims != (*own, *inner) else variable, len(own))
+    outer = tuple(dim for dim in variable.dims if dim not in inner)
+    take = _taker(variable.transpose(*outer, *inner) if variable.dims != (*outer, *inner) else variable, len(outer))
     kept = str(variable.attrs.get(ELEMENTS, "")).split()
     stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, f"{name}{{}}")).partition("{}")
     places = product(*(range(len(labels[dim])) for dim in inner))
     size = int(np.prod([len(labels[dim]) for dim in inner]))
     wanted = {*kept}
+    named = [
+        dim not in map(at_event, labels) for dim in inner
+    ]  # those of events are told for each element that is kept
     for number, place in enumerate(places):
-        one = element(stem, (labels[dim][i] for dim, i in zip(inner, place, strict=True))) + tail
-        if not wanted or listed([one]) in wanted:
+        own = [labels[dim][i] for dim, i in zip(inner, place, strict=True)]
+        one = element(stem, own) + tail
+        if not wanted or listed([element(stem, compress(own, named)) + tail]) in wanted:
             attributes = attributes_of_element(variable.attrs, number, size)
-            yield one, xr.Variable(own, take(place), attributes, fastpath=True)
+            yield one, xr.Variable(outer, take(place), attributes, fastpath=True)
 
 
 def _taker(variable: xr.Variable, own: int) -> Callable[[tuple[int, ...]], Any]:

@@ -37,7 +37,7 @@ class Watched:
         The values, and their errors by interpolation or location.
     rounding, moved : ndarray, shape (places, ...)
         Errors of the finest values by rounding, and by the uncertain location of events before.
-    kinks : ndarray, shape (places,)
+    kinks : ndarray, shape (places,) or (places, ...)
         The order left by switches that steps went over, inf where there are none.
     scale : float, or ndarray, shape (...)
         By which differences are divided: a size of the quantity, of every element its own, that is never zero.
@@ -59,23 +59,6 @@ class Watched:
         """Return what is known of a quantity before anything is marched: everything but its values."""
         nothing = np.full((places, *shape, levels), np.nan)
         return cls(*subject, nothing, nothing, nothing[..., 0], nothing[..., 0], np.full(shape, np.nan))
-
-    def first(self, places: int) -> Watched:
-        """Return the number at its first places; nan at those that it does not have."""
-
-        def cut(values: Floats) -> Floats:
-            kept = np.full((places, *values.shape[1:]), np.nan)
-            kept[: len(values)] = values[:places]
-            return kept
-
-        return replace(
-            self,
-            values=cut(self.values),
-            errors=cut(self.errors),
-            rounding=cut(self.rounding),
-            moved=cut(self.moved),
-            kinks=None if self.kinks is None else cut(self.kinks),
-        )
 
     def at(self, name: str, place: tuple[int, ...]) -> Watched:
         """Return one element of a quantity, as a number of its own."""
@@ -208,7 +191,7 @@ def _judgement(number: Watched, levels: Levels, accepted: int) -> Judged:
         number.errors[..., -2:].max(axis=-1),
         number.moved,
         smooth=levels.varied != RTOLS,
-        kink=kinks.reshape(len(kinks), *[1] * (number.values.ndim - 2)),
+        kink=kinks.reshape(*kinks.shape, *[1] * (number.values.ndim - 1 - kinks.ndim)),
         accepted=accepted,
         order=levels.order,
     )

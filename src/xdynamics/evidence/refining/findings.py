@@ -55,6 +55,8 @@ class Findings:
         Largest local errors in every run.
     accepted : int
         Steps of the finest run.
+    left_out : str
+        Which states after events are too many numbers to be compared.
     """
 
     times: Floats
@@ -65,6 +67,7 @@ class Findings:
     crossed: Mapping[str, float] = field(default_factory=dict)
     defects: Mapping[str, Floats] = field(default_factory=dict)
     accepted: int = FEW_STEPS
+    left_out: str = ""
 
     @classmethod
     def of(cls, study: Study) -> Findings:
@@ -79,6 +82,7 @@ class Findings:
             study.common.crossing_levels,
             {name: np.stack([level.defects[name] for level in study.readings]) for name in stepped},
             outlines[-1].accepted,
+            study.left_out,
         )
 
     @classmethod
@@ -95,6 +99,7 @@ class Findings:
             {name: np.full((levels, *subjects.shape(name)), np.nan) for name in subjects.stepped}
             if subjects.defects
             else {},
+            left_out=subjects.left_out(subjects.states_after, subjects.occurrences) if subjects.occurrences else "",
         )
 
 
@@ -137,9 +142,10 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
             "formal_order": levels.formal,
             "model_digest": levels.model.digest,
             "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale",
+            **({"left_out": findings.left_out} if findings.left_out else {}),
             **attributes,
         },
-        shapes=levels.model.shapes,
+        shapes=subjects.shapes,
     )
 
 

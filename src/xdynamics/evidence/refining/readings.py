@@ -22,6 +22,7 @@ from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
 from xdynamics.faults import written
 from xdynamics.record.named_elements import column
+from xdynamics.record.unfolding import whole_of
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -113,11 +114,14 @@ class Common:
     places : mapping of str to sequence of (ndarray, ndarray)
         By the name of an event, for each level: those of its events that have a partner in the finest level, and the
         numbers of these.
+    occurrences : int
+        How many of every event are told.
     """
 
     times: Floats
     crossing_levels: Mapping[str, float]
     places: Mapping[str, Sequence[tuple[Rows, Rows]]]
+    occurrences: int = 0
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,8 @@ class Readings:
     swings : mapping of str to Swings
         By coordinate.
     after : mapping of str to mapping of str to (ndarray, ndarray)
-        States after the common occurrences of each event, and what the location has them off by.
+        States after the common occurrences of each event by the names of their numbers, and what the location has them
+        off by.
     energy_range : float
         nan if it is not asked for.
     defects : mapping of str to ndarray, shape (...)
@@ -195,10 +200,7 @@ class Readings:
             for name, crossing in common.crossing_levels.items()
         }
         after = {
-            detector: {
-                name: _after(run, name, places[level][0], subjects.place_at(detector, name))
-                for name in subjects.after_events
-            }
+            detector: _states_after(run, subjects, detector, places[level][0], common.occurrences)
             for detector, places in common.places.items()
         }
         defects = step_defects(run, subjects.stepped, functions=functions) if subjects.defects else {}
@@ -210,16 +212,23 @@ class Readings:
             _range(run, ENERGY) if ranged else np.nan,
             {name: np.max(np.abs(defects[name]), axis=0) for name in (subjects.stepped if defects else ())},
             {name: _moved(run, name, times) for name in names} if finest else {},
-            {name: _largest(run, name) for name in sized},
+            {name: _largest(whole_of(run), name) for name in sized},
         )
 
 
-def _after(run: xr.Dataset, name: str, events: Rows, place: Mapping[str, int]) -> tuple[Floats, Floats]:
-    """Return a state after events, and how far their location may have it off."""
+def _states_after(
+    run: xr.Dataset, subjects: Subjects, event: str, events: Rows, occurrences: int
+) -> dict[str, tuple[Floats, Floats]]:
+    """Return states after events, and how far their location may have them off, by the names of the numbers compared."""
     after, before = run.variables["event_row_after"].values[events], run.variables["event_row_before"].values[events]
     uncertainty = run.variables["event_time_uncertainty"].values[events]
-    states, rates = (column(run, own).isel(place) for own in (name, _rate_of(run, name)))
-    return states[after].values, (np.abs(rates[before].values).T * uncertainty).T
+    (detector, place), whole, found = subjects.event_place(event), whole_of(run), {}
+    for state in subjects.compared_after(detector, occurrences):
+        if state.is_told_at(place):
+            taken = state.taken(place)
+            states, rates = (column(whole, name).isel(taken) for name in (state.state, _rate_of(whole, state.state)))
+            found[state.name] = states[after].values, (np.abs(rates[before].values).T * uncertainty).T
+    return found
 
 
 def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:

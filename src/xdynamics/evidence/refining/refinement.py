@@ -14,6 +14,7 @@ from xdynamics.evidence.observables import is_observable, observables_of
 from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
+from xdynamics.evidence.refining.states_after import AFTER
 from xdynamics.evidence.refining.study import Study, numbers_named
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, Subjects
 from xdynamics.evidence.stages import counted_number
@@ -27,8 +28,8 @@ from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.size import memory_asked
 from xdynamics.record.unfolding import unfold
-from xdynamics.schema import AT, AT_TIME, ELEMENT_NAME, LEVEL, OCCURRENCE
-from xdynamics.shapes.naming import DOT, parted, spoken, written
+from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
+from xdynamics.shapes.naming import DOT, parted, spoken
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import digits, with_uncertainty
 
@@ -39,6 +40,7 @@ Floats = NDArray[np.float64]
 
 MOST_SHOWN = 3  # occurrences of one event, in words
 MOST_ELEMENTS = 6  # of one quantity, in words
+SAID = {"left_out": "left out", "stopped": "stopped"}  # attributes that are told as they are
 
 
 def refine(
@@ -112,7 +114,9 @@ def refine(
         `interpolation_error_y`, `gate_y` (whether that is smaller than the difference). Over `at`: `verdict_y`,
         `limit_y`, `uncertainty_y` (of the finest level's value, at about 95 %) and its rule. The same over
         `occurrence` for `event_time_<name>`, with errors of location in place of interpolation, and for the states
-        after each event, `after_<name>_y`; `event_count_<name>` over `level`. `difference_scale_y` is what differences
+        after each event, `after_<name>_y`; `event_count_<name>` over `level`. At the event of an element that is its
+        own state, and `all_after_<name>_y` those of all elements, `event_<dim>` being the element of the event; over a
+        million numbers they are left out, as the attribute `left_out` says. `difference_scale_y` is what differences
         are scaled by, `crossing_level_x` what begins the cycles of periods and phases. For precisions and rules, which are not numbers, there
         are differences only. With `defects`, `step_defect_y` over `level`.
 
@@ -216,7 +220,7 @@ def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, floa
     """Read the tolerated change of each number, in its unit."""
     if until_change and not study.levels.ordered:
         raise InputError(f"until_change goes on with finer levels, and {study.levels.varied.keyword} have none")
-    names = study.levels.model.shapes.all_inside(until_change, "until_change names")
+    names = study.subjects.shapes.all_inside(until_change, "until_change names")
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
     units |= {number.name: number.units for number in numbers_named(study, names)} if until_change else {}
     tolerances = {}
@@ -245,7 +249,6 @@ def _stopped(changing: list[str], count: int, limit: str) -> str:
 
 def lines_of(study: xr.Dataset) -> list[str]:
     """Describe a refinement, line by line."""
-    whole = study
     study = unfold(study) if model_dimensions(study) else study
     varied = str(study.attrs["varied"])
     levels = ", ".join(f"{item:.6g}" if study[varied].dtype.kind == "f" else str(item) for item in study[varied].values)
@@ -254,30 +257,23 @@ def lines_of(study: xr.Dataset) -> list[str]:
     outcomes = dict.fromkeys(map(str, study["run_outcome"].values))
     lines.append(f"outcomes  {', '.join(outcomes)}")
     lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
-    names = [str(item) for item in study.data_vars if f"difference_{item}" in study]
-    shown, called = dict[str, int](), _called(whole, names)
+    names = [str(item) for item in study.data_vars if f"difference_{item}" in study and _is_met(study, str(item))]
+    shown = dict[str, int]()
     for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
-        quantity, labels = parted(written(called[name]))
+        quantity, labels = parted(name)
         shown[quantity] = shown.get(quantity, 0) + 1
-        lines += _of_number(study, name, called[name]) if not labels or shown[quantity] <= MOST_ELEMENTS else []
+        lines += _of_number(study, name, spoken(name)) if not labels or shown[quantity] <= MOST_ELEMENTS else []
     lines += [
         f"{quantity}: {count - MOST_ELEMENTS} further elements are in the record"
         for quantity, count in shown.items()
         if count > MOST_ELEMENTS
     ]
-    return lines + ([f"stopped   {study.attrs['stopped']}"] if "stopped" in study.attrs else [])
+    return lines + [f"{word:<9} {study.attrs[key]}" for key, word in SAID.items() if key in study.attrs]
 
 
-def _called(study: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
-    """Return what numbers are called; a state after the event of an element is named as it is for all, then the element."""
-    called = {name: spoken(name) for name in names}
-    for quantity, variable in study.data_vars.items():
-        stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, "")).partition("{}")
-        for name in names if tail else ():
-            if name.startswith(f"{stem}{DOT}") and name.endswith(tail):
-                labels = name[len(stem) + 1 : len(name) - len(tail)].split(DOT)
-                called[name] = f"{quantity}[{', '.join(labels)}]"
-    return called
+def _is_met(study: xr.Dataset, name: str) -> bool:
+    """Whether a number is one to tell; not a state after the event of an element that no level met."""
+    return DOT not in name or not name.startswith(AFTER) or bool(study[name].notnull().any())
 
 
 def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:

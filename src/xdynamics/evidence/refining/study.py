@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,8 @@ from xdynamics.evidence.event_matching import Rows, matched
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.evidence.refining.readings import ENERGY, Common, Outline, Readings
-from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, Subjects
+from xdynamics.evidence.refining.states_after import StateAfter
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, EVENT_TIME, PERIOD, Subjects
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
@@ -79,7 +80,7 @@ class Study:
     @cached_property
     def common(self) -> Common:
         """Where the levels are compared."""
-        return Common(self.times, self.outlines[-1].crossing_levels, self._places())
+        return Common(self.times, self.outlines[-1].crossing_levels, self._places(), self.most)
 
     @cached_property
     def readings(self) -> Sequence[Readings]:
@@ -144,7 +145,9 @@ class Study:
         located = self._with_switches_located(numbers)
         for number in numbers:
             if located is None:
-                yield replace(number, kinks=np.array([self.kink_before(time) for time in self._when(number).tolist()]))
+                times = self._when(number)
+                kinks = [self.kink_before(time) for time in times.ravel().tolist()]
+                yield replace(number, kinks=np.reshape(kinks, times.shape))
                 continue
             # one of the two levels may by chance have the switch at the end of a step
             cost = np.max(np.abs(located[number.name] - number.values[..., -FINEST:]), axis=-1) if located else 0.0
@@ -172,7 +175,7 @@ class Study:
 
     def _when(self, number: Watched) -> Floats:
         """Return the times of a number's places; for a number of the whole run, its end."""
-        if number.dims == (AT,):
+        if number.dims[:1] == (AT,):
             return self.times
         return self._occurred(number) if number.dims else np.full(len(number.values), self.outlines[-1].end)
 
@@ -186,14 +189,20 @@ class Study:
 
     def _occurred(self, number: Watched) -> Floats:
         """Return when the occurrences of an event were met in the finest level; inf for those that it did not meet."""
-        rows = next(
-            event_rows
-            for name, event_rows in self.met().items()
-            if number.name in (f"event_time_{name}", *(f"after_{name}_{quantity}" for quantity in self.names))
-        )
-        times, last = np.full(len(number.values), np.inf), self.outlines[-1].event_times[rows[-1]]
-        times[: len(last)] = last[: len(times)]
-        return times
+
+        def when(event: str) -> Floats:
+            times, last = np.full(self.common.occurrences, np.inf), self.outlines[-1].event_times[self.met()[event][-1]]
+            times[: len(last)] = last[: len(times)]
+            return times
+
+        state = next((state for state in self.states_after if state.name == number.name), None)
+        if state is None:
+            return when(number.name.removeprefix(EVENT_TIME))
+        whole = np.full(number.values.shape[:-1], np.inf)
+        for event in self._told_of(state):
+            place = (slice(None), *state.index(self.subjects.event_place(event)[1]))
+            whole[place] = when(event).reshape(-1, *[1] * (whole[place].ndim - 1))
+        return whole
 
     def numbers(self) -> Iterator[Watched]:
         """Yield every number that is compared."""
@@ -201,12 +210,33 @@ class Study:
         yield from self._energy_range()
         for name in self.subjects.counted:
             yield self._of_cycles(name)
-        rows = self.met()
-        # as many as the finest level has; if that has none, as many as any other level
-        most = max((len(per_run[-1]) or max(map(len, per_run)) for per_run in rows.values()), default=0)
-        for name in rows:
-            for number in self._of_events(name, most):
-                yield number if self.occurrences is None else number.first(self.occurrences)
+        for detector in self._detectors:
+            yield from (self._of_event(event) for event in self.met() if parted(event)[0] == detector)
+            yield from (self._of_state(state) for state in self.states_after if state.detector == detector)
+
+    @property
+    def most(self) -> int:
+        """How many occurrences of every event are compared: by default those of the finest level, or if it has none of any."""
+        if self.occurrences is not None:
+            return self.occurrences
+        return max((len(rows[-1]) or max(map(len, rows)) for rows in self.met().values()), default=0)
+
+    @cached_property
+    def states_after(self) -> list[StateAfter]:
+        """What is compared after events."""
+        found = self.subjects
+        return [
+            state for detector in self._detectors for state in found.compared_after(detector, self.common.occurrences)
+        ]
+
+    @property
+    def left_out(self) -> str:
+        """Which states after events are not compared, in words."""
+        return self.subjects.left_out(self._detectors, self.common.occurrences)
+
+    @property
+    def _detectors(self) -> list[str]:
+        return list(dict.fromkeys(parted(event)[0] for event in self.met()))
 
     def met(self) -> dict[str, list[Rows]]:
         """Return the events of each name in every run: of those that were met, or if their number is given of all."""
@@ -283,27 +313,51 @@ class Study:
         rounding = self._rounding(values)
         return Watched(*self.subjects.cycles(name), values, errors, rounding, np.zeros(len(values)), scale)
 
-    def _of_events(self, detector: str, most: int) -> Iterator[Watched]:
-        """Yield the times at which one event function was met, occurrence by occurrence, and the states after it."""
-        places = self.common.places[detector]
-
-        def of(by_run: list[Floats]) -> Floats:
-            aligned = np.full((most, *by_run[0].shape[1:], len(by_run)), np.nan)
-            for k, (entry, (_, theirs)) in enumerate(zip(by_run, places, strict=True)):
-                aligned[theirs, ..., k] = entry
-            return aligned
-
-        levels = [(outline, mine) for outline, (mine, _) in zip(self.outlines, places, strict=True)]
-        times = of([outline.event_times[mine] for outline, mine in levels])
-        errors = of([outline.event_uncertainties[mine] for outline, mine in levels])
+    def _of_event(self, event: str) -> Watched:
+        """Return the times at which one event function was met, occurrence by occurrence."""
+        levels = [(outline, mine) for outline, (mine, _) in zip(self.outlines, self.common.places[event], strict=True)]
+        times = self._aligned(event, [outline.event_times[mine] for outline, mine in levels])
+        errors = self._aligned(event, [outline.event_uncertainties[mine] for outline, mine in levels])
         span = self.outlines[-1].end - self.outlines[-1].begin or 1.0
         rounding = 4 * EPS * np.abs(times[:, -1])
-        yield Watched(*self.subjects.event_time(detector), times, errors, rounding, np.zeros(most), span)
-        for name in self.subjects.after_events:
-            values, errors = (of([level.after[detector][name][i] for level in self.readings]) for i in (0, 1))
-            largest = self.readings[-1].largest[name][self.subjects.index_at(detector, name)]
-            subject, scale = self.subjects.after_event(detector, name), _never_zero(largest)
-            yield Watched(*subject, values, errors, self._rounding(values), np.zeros(values.shape[:-1]), scale)
+        return Watched(*self.subjects.event_time(event), times, errors, rounding, np.zeros(len(times)), span)
+
+    def _of_state(self, state: StateAfter) -> Watched:
+        """Return a state after the events of a detector, occurrence by occurrence."""
+        values, errors = (
+            self._spread(
+                state,
+                {
+                    event: [level.after[event][state.name][i] for level in self.readings]
+                    for event in self._told_of(state)
+                },
+            )
+            for i in (0, 1)
+        )
+        scale = np.broadcast_to(_never_zero(self.readings[-1].largest[state.state]), values.shape[1:-1])
+        moved = np.zeros(values.shape[:-1])
+        return Watched(*self.subjects.after_event(state), values, errors, self._rounding(values), moved, scale)
+
+    def _told_of(self, state: StateAfter) -> list[str]:
+        """Return the events at which a state is told: those of all elements, or of that which is asked for."""
+        events = {event: self.subjects.event_place(event) for event in self.met()}
+        return [event for event, (own, place) in events.items() if own == state.detector and state.is_told_at(place)]
+
+    def _spread(self, state: StateAfter, by_event: Mapping[str, list[Floats]]) -> Floats:
+        """Return numbers of every level at the events of elements as one array: occurrences first, levels last."""
+        shape = self.subjects.shapes.shape(state.places[1:])
+        whole = np.full((self.common.occurrences, *shape, len(self.outlines)), np.nan)
+        for event, by_run in by_event.items():
+            index = state.index(self.subjects.event_place(event)[1])
+            whole[(slice(None), *index)] = self._aligned(event, by_run)
+        return whole
+
+    def _aligned(self, event: str, by_run: list[Floats]) -> Floats:
+        """Return numbers of every level at the events of one name by occurrence, levels last; nan where there is none."""
+        aligned = np.full((self.common.occurrences, *by_run[0].shape[1:], len(by_run)), np.nan)
+        for k, (entry, (_, theirs)) in enumerate(zip(by_run, self.common.places[event], strict=True)):
+            aligned[theirs, ..., k] = entry
+        return aligned
 
     def _rounding(self, values: Floats) -> Floats:
         """Return the rounding error accumulated in the finest run: of the largest value, growing as the root of steps."""
@@ -320,7 +374,7 @@ def numbers_named(study: Study, names: Iterable[str]) -> list[Watched]:
         if name in numbers:
             found.append(numbers[name])
         elif whole in numbers:
-            place = Block.of(whole, "", study.levels.model.shapes).places(name)
+            place = Block.of(whole, "", study.subjects.shapes).places(name)
             found.append(numbers[whole].at(name, tuple(place.values())))
     return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,19 +13,21 @@ from xdynamics import record
 from xdynamics.evidence.observables import is_observable
 from xdynamics.evidence.refining.family import Subject, Watched
 from xdynamics.evidence.refining.levels import Levels
+from xdynamics.evidence.refining.states_after import StateAfter, with_events, words_of_left_out
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model.detectors import labels
 from xdynamics.model.whole import is_read_whole
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, OCCURRENCE, Variable
+from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.naming import DOT, parted
 from xdynamics.units import time_in
 
 Floats = NDArray[np.float64]
 
-ENERGY_RANGE, PERIOD, PHASE = "energy_range", "period_", "phase_"
+ENERGY_RANGE, PERIOD, PHASE, EVENT_TIME = "energy_range", "period_", "phase_", "event_time_"
 
 
 def crossing_level(coordinate: str) -> str:
@@ -128,9 +130,50 @@ class Subjects:
 
     @cached_property
     def after_events(self) -> list[str]:
-        """The names of what is compared after events."""
+        """The names of what is compared after events: quantities of which all elements are asked for, and else elements."""
         used = self.march.layout.used
-        return [name for name in self.names if used.find(name) is not None and self.variable(name) is not None]
+        names = dict.fromkeys(name for name in self.names if used.find(name) is not None and self.variable(name))
+        whole = {block.name for block in used.blocks if block.name in names or {*block.elements()} <= names.keys()}
+        return list(dict.fromkeys(parted(name)[0] if parted(name)[0] in whole else name for name in names))
+
+    @cached_property
+    def states_after(self) -> dict[str, list[StateAfter]]:
+        """The states that are compared after the events of each detector, of whatever size."""
+        model, found = self.levels.model, dict[str, list[StateAfter]]()
+        for detector in dict.fromkeys(parted(name)[0] for name in self.detectors):
+            along = model.shapes.dims.get(detector, ())
+            states = [StateAfter(detector, name, along, *self._dims_and_place(name)) for name in self.after_events]
+            found[detector] = [
+                each for own in states for each in (own, *([replace(own, every=True)] if own.shared else []))
+            ]
+        return found
+
+    def _dims_and_place(self, name: str) -> tuple[tuple[str, ...], dict[str, int]]:
+        """Return the dimensions of a quantity, or the place of an element, of what the method integrates."""
+        block = self.march.layout.used.block(name)
+        return (block.dims, {}) if name == block.name else ((), block.places(name))
+
+    def compared_after(self, detector: str, occurrences: int) -> list[StateAfter]:
+        """Return the states after the events of a detector that are few enough to be compared."""
+        levels = len(self.levels.values)
+        return [state for state in self.states_after[detector] if state.fits(self.shapes, levels, occurrences)]
+
+    def left_out(self, detectors: Iterable[str], occurrences: int) -> str:
+        """Say which states after events are left out for their number."""
+        levels = len(self.levels.values)
+        left = [
+            state
+            for detector in detectors
+            for state in self.states_after[detector]
+            if not state.fits(self.shapes, levels, occurrences)
+        ]
+        return words_of_left_out(left, self.shapes, levels, occurrences)
+
+    @cached_property
+    def shapes(self) -> Shapes:
+        """The model's shapes, with those of states after events."""
+        states = [state for found in self.states_after.values() for state in found]
+        return with_events(self.levels.model.shapes, states if self.occurrences != 0 else [])
 
     def observable(self, name: str) -> Subject:
         """Describe an observable at the times of comparison."""
@@ -161,44 +204,28 @@ class Subjects:
     def event_time(self, detector: str) -> Subject:
         """Describe the times at which an event was met."""
         unit = self.levels.model.time_unit.text
-        return f"event_time_{detector}", unit, f"time at which {detector} was met", (OCCURRENCE,)
+        return f"{EVENT_TIME}{detector}", unit, f"time at which {detector} was met", (OCCURRENCE,)
 
-    def after_event(self, detector: str, name: str) -> Subject:
+    def after_event(self, state: StateAfter) -> Subject:
         """Describe a state after an event."""
-        dims = (OCCURRENCE, *self.dims_after(detector, name))
-        return f"after_{detector}_{name}", self.recorded(name).units, f"{name} after {detector}", dims
+        known = state.state if state.state in self.variables else self.march.layout.used.block(state.state).first
+        return state.name, self.recorded(known).units, state.long_name, state.places
 
-    def dims_after(self, detector: str, name: str) -> tuple[str, ...]:
-        """Return the dimensions of a state after an event: those that the event's detector has not too.
-
-        At the event of an element a quantity is compared at that element.
-        """
-        place = self.place_at(detector, name)
-        return tuple(dim for dim in self.dims(name) if dim not in place)
-
-    def place_at(self, detector: str, name: str) -> dict[str, int]:
-        """Return the element of a quantity at which the event of an element is, along the dimensions that both have."""
-        own = self.variables.get(name)
-        if own is None or DOT not in detector:
-            return {}
-        place = Block.of(parted(detector)[0], "", self.levels.model.shapes).places(detector)
-        return {dim: number for dim, number in place.items() if dim in own.dims}
-
-    def index_at(self, detector: str, name: str) -> tuple[Any, ...]:
-        """Return `place_at` as an index into numbers along the quantity's dimensions."""
-        place = self.place_at(detector, name)
-        return tuple(place.get(dim, slice(None)) for dim in self.dims(name))
+    def event_place(self, detector: str) -> tuple[str, dict[str, int]]:
+        """Return the detector and the element that an event is named by."""
+        own = parted(detector)[0]
+        return own, Block.of(own, "", self.levels.model.shapes).places(detector) if DOT in detector else {}
 
     def blank(self) -> Iterator[Watched]:
         """Yield every number without its values."""
         subjects = [self.observable(name) for name in self.observed]
         subjects += [self.energy_range] if ENERGY_RANGE in self.names else []
         subjects += [self.cycles(name) for name in self.counted]
-        for detector in self.detectors if self.occurrences else ():
-            subjects.append(self.event_time(detector))
-            subjects += [self.after_event(detector, name) for name in self.after_events]
+        for detector in self.states_after if self.occurrences else ():
+            subjects += [self.event_time(event) for event in self.detectors if parted(event)[0] == detector]
+            subjects += map(self.after_event, self.compared_after(detector, self.occurrences or 0))
         times = 1 if self.times is None else len(self.times)
         for subject in subjects:
             places = {AT: times, OCCURRENCE: self.occurrences or 0}
-            shape = self.levels.model.shapes.shape(subject[3][1:])
+            shape = self.shapes.shape(subject[3][1:])
             yield Watched.blank(subject, places[subject[3][0]] if subject[3] else 1, len(self.levels.values), shape)
