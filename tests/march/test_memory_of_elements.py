@@ -1,5 +1,7 @@
 """What a march takes for each element is what it says before it begins, and no more than was counted."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import xdynamics as xd
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
+from xdynamics.march.dense_output import posed_inside
 from xdynamics.march.lifetimes import Lifetime
 from xdynamics.march.run import ARRAYS
 from xdynamics.record.size import sizes_of_march
@@ -91,3 +94,86 @@ rate = "(shift(T, row, -1, 0*kelvin) + shift(T, row, 1, 0*kelvin) - 4*T + shift(
 [initial]
 T = "kelvin*sin(index(row))"
 """
+
+
+CHAIN = """
+name = "chain"
+[dimensions]
+site = {n}
+[coordinates]
+u = {{ unit = "m", dims = ["site"] }}
+[parameters]
+m = "1 kg"
+k = "100 N m-1"
+[mass]
+u = "m"
+[relations.spring]
+of = "site"
+neighbours = 1
+[forces.springs]
+over = "spring"
+potential = "k*(second(u, spring) - first(u, spring))**2/2"
+[initial]
+u = "sin(pi*(index(site) + 1)/(size(site) + 1))*metre"
+"""
+RULES = {"float64": ("reintegrate", "interpolant"), "double_double": ("reintegrate",)}
+INSIDE = [0.034, 0.0, 0.015, 0.03, 0.0151, 0.05, 0.027, 0.001]
+
+
+@pytest.fixture
+def one_by_one(monkeypatch):
+    """Have samples found as those of many elements are, each time by itself; return the runs in which they are."""
+    made = []
+
+    def posed(*arguments, **keywords):
+        made.append(posed_inside(*arguments, **keywords))
+        return made[-1]
+
+    monkeypatch.setattr("xdynamics.dynamics.shortened_steps.PIECE", 1)
+    monkeypatch.setattr("xdynamics.dynamics.shortened_steps.LARGE", 1)
+    monkeypatch.setattr("xdynamics.dynamics.shortened_steps.posed_inside", posed)
+    return made
+
+
+def test_a_sample_takes_the_two_states_of_a_step_beside_its_result(one_by_one):
+    """Assert 12 numbers a site, u, v, its acceleration and what rounding carries, before and after, whatever the times."""
+    sites = 10_000
+    run = xd.simulate(
+        xd.Model.from_text(CHAIN.format(n=sites)), method="velocity_verlet", step=0.01, until=0.05, log="states"
+    )
+    xd.sample(run, 0.034)
+    one_by_one.clear()
+    peaks = []
+    for times in ([0.034] * 2, [0.034, 0.015, 0.0151, 0.027] * 5):
+        tracemalloc.start()
+        held = xd.sample(run, times).nbytes
+        peaks.append(tracemalloc.get_traced_memory()[1] - held)
+        tracemalloc.stop()
+    assert written(one_by_one[0]) / sites == pytest.approx(96.0, rel=0.05)
+    assert abs(peaks[1] - peaks[0]) < 8 * sites
+
+
+def test_a_sample_by_radau_keeps_no_force_samples(one_by_one):
+    """Assert what a march of the equations takes, without tolerances that follow, and the end of the whole step."""
+    run = xd.simulate(rod(), method="radau_iia", rtol=1e-4, atol=1e-6, until="3 s")
+    xd.sample(run, [0.3, 1.5])
+    assert written(one_by_one[0]) / CELLS == pytest.approx(296.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"method": "velocity_verlet", "step": 0.01},
+        {"method": "radau_iia", "rtol": 1e-4},
+        {"method": "rk4", "step": 0.01, "precision": "double_double"},
+    ],
+    ids=lambda settings: "_".join(map(str, settings.values())),
+)
+def test_samples_found_one_by_one_have_the_same_bits(settings, request):
+    """Assert that states and errors are those that are found together, at accepted times too, in any order."""
+    run = xd.simulate(xd.Model.from_text(CHAIN.format(n=7)), until=0.05, **settings)
+    together = [xd.sample(run, INSIDE, rule=rule) for rule in RULES[settings.get("precision", "float64")]]
+    request.getfixturevalue("one_by_one")
+    apart = [xd.sample(run, INSIDE, rule=rule) for rule in RULES[settings.get("precision", "float64")]]
+    for one, other in zip(together, apart, strict=True):
+        assert one.identical(other)

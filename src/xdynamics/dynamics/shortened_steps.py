@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,15 @@ from xdynamics.dynamics.accepted_times import AcceptedTimes, located
 from xdynamics.dynamics.left_out_rows import check_steps_meet, slack
 from xdynamics.dynamics.recorded_links import RowLinks, links_read, row_links
 from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.dynamics.stacked_columns import blockwise, stacked
+from xdynamics.dynamics.stacked_columns import blockwise, stacked, step_columns, values_along
 from xdynamics.elementary import kept_set
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
 from xdynamics.march import Settings
-from xdynamics.march.dense_output import past_of, states_within
+from xdynamics.march.dense_output import past_of, posed_inside, states_within
 from xdynamics.march.initial_run import rest_of_time
+from xdynamics.march.memory import LARGE
 from xdynamics.march.past_arrays import Past
 from xdynamics.methods import METHODS, method_of
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, REINTEGRATE
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+PIECE = 1 << 21  # numbers that are found together
 ROUTE = (
     "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated"
     " with one: how far it is from the solution through that state"
@@ -169,8 +172,10 @@ class Inside:
 
     @cached_property
     def law(self) -> Law:
-        """The compiled law."""
-        return law_of(self.layout, sampled=self.settings.samples)
+        """The compiled law: that of the run, or where force samples are large that of one whose log holds states alone."""
+        are_large = 8 * self.layout.sample_width * self.settings.scheme.samples >= LARGE
+        unread = frozenset({FORCE_SAMPLES, ROW_ENERGIES} if are_large else ())
+        return law_of(self.layout, sampled=self.settings.samples, unread=unread)
 
     def at(self, times: Floats, *, after: bool) -> xr.Dataset:
         """Evaluate the run at times within it, as `sampled` does: for those who ask again and again."""
@@ -195,10 +200,27 @@ class Inside:
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
         """Gather the states of the steps, and evaluate them at times."""
         where = np.stack([times, starts, ends, rows])
-        found = blockwise(
-            self._evaluated, where, self._columns(rows), self._height, lambda: self._links, self._links_later
-        )
+        if any(self.run.variables[quantity.name].chunks for quantity in self.quantities):
+            found = blockwise(self._evaluated, where, self._columns(rows), self._height, self._links_later)
+        else:
+            found = self._in_pieces(where, rows)
         return self.described(times, rows, found)
+
+    def _in_pieces(self, where: Floats, rows: NDArray[np.int64]) -> Floats:
+        """Evaluate states at once: of many numbers one after the other, so that they stand in no second array as a whole."""
+        count, most = rows.size, max(1, PIECE // self._height)
+        if count <= most:
+            return self._evaluated(where, stacked(self._columns(rows)), self._links)
+        run = posed_inside(self.model, self.settings, self.law, reintegrated=self.rule == REINTEGRATE)
+        found = np.empty((self._height, count), order="F" if most == 1 else "C")
+        for first in range(0, count, most):
+            piece = slice(first, first + most)
+            columns = stacked(self._columns(rows[piece]))
+            room = found[:, piece]
+            part = self._evaluated(where[:, piece], columns, self._links, run=run, found=room if most == 1 else None)
+            if part is not room:
+                room[:] = part
+        return found
 
     def blank(self, count: int) -> xr.Dataset:
         """Return what `dataset` gives at so many times, without its values."""
@@ -217,7 +239,7 @@ class Inside:
             self.quantities, self._descriptions, strict=True
         ):
             dims = (AT, *quantity.dims)
-            own, of_error, of_rest = (_along(numbers, k * size + first, quantity) for k in range(3))
+            own, of_error, of_rest = (values_along(numbers, k * size + first, quantity) for k in range(3))
             first += quantity.size
             variables[name] = xr.Variable(dims, own, described)
             variables[error] = xr.Variable(dims, of_error, error_described)
@@ -282,12 +304,12 @@ class Inside:
         links: RowLinks | None,
         *,
         judged: bool = True,
-        rests: Floats | None = None,
+        **more: Any,
     ) -> Floats:
         """Evaluate states and, if they are to be judged, their errors.
 
         Rows of `where` are wanted time, start, end, and row; of `columns` step, regime, contacts, the state at its start and
-        perhaps at its end.
+        perhaps at its end. `more` is what else `states_within` takes.
         """
         every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run.variables["time"].attrs["units"]))
         check_steps_meet(where[:3], columns[0], slack(self.run), unit, every)
@@ -302,8 +324,8 @@ class Inside:
             reintegrated=reintegrated,
             judged=judged,
             past=self._past if self.model.delays else None,
-            rests=rests,
             links=None if links is None else links.at(where[3]),
+            **more,
         )
 
     @cached_property
@@ -358,7 +380,7 @@ class Inside:
                 stacked([self.run.variables[schema.rest(name)][rows + 1] for name in names])
                 - columns[first + n : first + 2 * n]
             )
-        return {quantity.name: _along(defects, place(quantity.name), quantity) for quantity in self.quantities}
+        return {quantity.name: values_along(defects, place(quantity.name), quantity) for quantity in self.quantities}
 
     @property
     def _touching(self) -> int:
@@ -371,30 +393,4 @@ class Inside:
         return factors[:1] if (factors == factors[0]).all() else factors
 
 
-def step_columns(
-    model: Model,
-    settings: Settings,
-    rows: NDArray[np.int64],
-    following: NDArray[np.int64],
-    names: Sequence[str] | None = None,
-) -> list[tuple[str, NDArray[np.int64]]]:
-    """Return the columns that `states_within` repeats steps from, each with its rows: of the start or of the end.
-
-    `names` are those of the record's variables of the state, if they are not of elements.
-    """
-    used = tuple(settings.layout(model).used if names is None else names)
-    wanted = [("step_size", following)]
-    wanted += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
-    if settings.precision == DOUBLE_DOUBLE:
-        return wanted + [(name, rows) for name in (*map(schema.rest, used), schema.REST_TIME.name)]
-    # iterations that continue from those of the step before do not reproduce its end to the bit
-    return wanted + [(name, following) for name in used] if settings.method.stepper.has_memory else wanted
-
-
 _KEPT = ("title", "solver_method", "solver_order", "solver_estimator", "model_digest", "force_digest", "content_digest")
-
-
-def _along(numbers: Any, first: int, quantity: Block) -> Any:
-    """Return the rows of a quantity as its values, its dimensions last."""
-    rows = numbers[first : first + quantity.size]
-    return rows.T.reshape(-1, *quantity.shape) if quantity.dims else rows[0] if len(rows) else rows

@@ -18,6 +18,7 @@ from xdynamics.march.ensemble import Runs
 from xdynamics.march.initial_run import posed, rest_of_time
 from xdynamics.march.log import allocate
 from xdynamics.march.past_arrays import Past, lend_past
+from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import table_of
 from xdynamics.model import Model
@@ -57,6 +58,8 @@ def states_within(
     past: Past | None = None,
     rests: Floats | None = None,
     links: ListedLinks | None = None,
+    run: Run | None = None,
+    found: Floats | None = None,
 ) -> Floats:
     """Evaluate states inside steps, and the distance of each from a more accurate one.
 
@@ -87,6 +90,10 @@ def states_within(
         Of the wanted times, where numbers are sums of two; by default of the decimal numbers that they are written as.
     links : ListedLinks, optional
         By default closed links of many are found from the states at the starts, as a march does that begins there.
+    run : Run, optional
+        What steps are made in, for those who ask again and again, one at a time: as `posed_inside` makes it.
+    found : ndarray, contiguous, shape as below, optional
+        Room for the result.
 
     Returns
     -------
@@ -110,13 +117,13 @@ def states_within(
         inputs = [steps, _sums(model, law.layout, columns), columns[:0]]
     else:
         inputs = [steps, *(_in_units(part, factors) for part in (columns[:n], columns[n:]))]
-    inner = np.empty((2 * len(inputs[1]), moving.size))
-    # a run of its own: this is called in several threads
-    addresses = law.addresses if reintegrated else law.addresses_inside
-    run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
+    whole = moving.size == times.size
+    inner = found if found is not None and whole and not doubled else np.empty((2 * len(inputs[1]), moving.size))
+    # by default a run of its own: this is called in several threads
+    run = posed_inside(model, settings, law, reintegrated=reintegrated) if run is None else run
     if past is not None:
         past.lend(run)
-    chosen = moving if moving.size < times.size else slice(None)  # which copies nothing
+    chosen = slice(None) if whole else moving  # which copies nothing
     inputs = [np.ascontiguousarray(array[:, chosen]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
     engine().states_inside(run, run_parameters, *inputs, listed, inner, reintegrated, judged)
@@ -125,11 +132,17 @@ def states_within(
     else:
         inner[:n] *= factors
         inner[n:] *= factors
-    if moving.size == times.size:
+    if whole:
         return inner
     results = _at_rest(columns, n, doubled=doubled)
     results[:, moving] = inner
     return results
+
+
+def posed_inside(model: Model, settings: Settings, law: Law, *, reintegrated: bool) -> Run:
+    """Return a run in which steps are made again, to end inside, or up to their ends for the interpolant."""
+    addresses = law.addresses if reintegrated else law.addresses_inside
+    return posed(model, settings, law, allocate(law.layout, 1, sampled=0, samples_kept=False), addresses)
 
 
 def _at_rest(columns: Floats, n: int, *, doubled: bool) -> Floats:

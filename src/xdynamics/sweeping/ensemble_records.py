@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.dynamics.recorded_links import RowLinks
-from xdynamics.dynamics.shortened_steps import step_columns
+from xdynamics.dynamics.stacked_columns import step_columns
 from xdynamics.evidence.observables import evaluated_inside, rate_tree, reaction_columns
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of

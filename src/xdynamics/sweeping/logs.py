@@ -14,7 +14,8 @@ from xdynamics.archive.place import GIVEN, Given, Place
 from xdynamics.archive.reading import columns_of
 from xdynamics.archive.sandboxed_reading import is_known, know
 from xdynamics.archive.seals import Tail
-from xdynamics.dynamics.shortened_steps import sampled, step_columns
+from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.dynamics.stacked_columns import step_columns
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
