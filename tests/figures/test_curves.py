@@ -310,6 +310,49 @@ def test_forces_over_impacts_are_level_over_their_steps(keep_every: int, note: s
     assert np.abs(forces[2:] - np.repeat(5 + np.sin(ends - 0.0625), 2)).max() < 1e-14 * 6
 
 
+def test_a_body_at_rest_is_drawn_at_rest() -> None:
+    """Assert that a ball on the floor does not sink between rows of `moreau_jean`, as gravity alone would have it.
+
+    Its positions are rounding of what each step adds and takes; what two steps differ by is no share of their range.
+    """
+    ball = xd.Model(
+        name="ball",
+        coordinates={"y": "m", "x": "m"},
+        mass={"y": "1*kilogram", "x": "1*kilogram"},
+        initial={"y": "0 m", "x": "0 m", "v_x": "0.3 m s-1"},
+        forces={"load": {"y": "-newton*(5 + sin(t/second))", "x": "3*newton*sin(t/second)"}},
+        contacts={"floor": {"gap": "y", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.3}},
+    )
+    run = xd.simulate(ball, method="moreau_jean", step=0.25, until=6.0)
+    times, (line,) = drawn(run, "y")
+    assert times.size > 1000
+    assert np.abs(line).max() < 1e-15
+
+
+def slider(**settings: Any) -> xr.Dataset:
+    """A mass that slides to rest on a belt, by given steps."""
+    mass: dict[str, Any] = {
+        "coordinates": {"x": "m"},
+        "mass": {"x": "1*kilogram"},
+        "initial": {"x": "0 m", "v_x": "1 m s-1"},
+    }
+    belt = {"belt": {"slip": "v_x", "kinetic": "newton*(2 + t/second)"}}
+    return xd.simulate(xd.Model(name="slider", frictions=belt, **mass), until=1.0, **settings)
+
+
+def test_frictions_over_whole_steps_are_level_too() -> None:
+    """Assert that friction of `moreau_jean` without contacts is drawn level, and named beside a run that locates stops."""
+    stepped, located = slider(method="moreau_jean", step=0.125), slider(method="dop853", rtol=1e-8)
+    axes = xd.plot(stepped, only="contact").axes[0]
+    times, forces = np.array(axes.lines[-1].get_data())
+    assert np.array_equal(times[2:], np.repeat(stepped.time.values, 2)[1:-1])
+    assert np.array_equal(forces[2:], np.repeat(stepped.friction_force_belt.values[1:], 2))
+    assert axes.get_title(loc="left") == "contact and friction; means over the step before each row"
+    for runs in ([stepped, located], [located, stepped]):
+        title = xd.plot(runs, only="contact").axes[0].get_title(loc="left").replace("\n", " ")
+        assert title == "contact and friction; means over the step before each row of moreau_jean"
+
+
 @pytest.mark.parametrize(("count", "note"), [(3, ""), (30, "; of many links: solved at rows, straight between them")])
 def test_forces_of_many_contacts_are_joined_and_the_reason_is_said(count: int, note: str) -> None:
     """Assert that a few normal forces are evaluated inside steps, and that the panel of many says why they are not."""

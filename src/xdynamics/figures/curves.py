@@ -36,6 +36,7 @@ RATES_WORK = 25_000_000  # numbers that accelerations are made of at all rows to
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
 LARGEST_ENERGETIC = 4096  # where energies are drawn, which polynomials through rows would not show
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
+ROUNDING = 1e-12  # of what a step adds: what is held at rest has no range but rounding
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
 STATES = ("coordinate", "velocity", "state")  # roles
@@ -291,9 +292,17 @@ def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | No
     for name in model.units:
         recorded = run.variables[name].values
         deviation = np.abs(samples.variables[name].values[times.size :] - recorded[starts + 1])
-        if not np.nanmax(deviation, initial=0.0) <= MET * np.ptp(recorded):  # an edited record
+        near = max(MET * np.ptp(recorded), ROUNDING * _added(run, name))
+        if not np.nanmax(deviation, initial=0.0) <= near:  # an edited record
             return None
     return {name: samples.variables[name].values[: times.size] for name in model.units}
+
+
+def _added(run: xr.Dataset, name: str) -> float:
+    """Return the most that a step adds to a state by any of its recorded derivatives alone, in the state's unit."""
+    h = np.diff(run.variables["time"].values).max(initial=0.0)
+    derived = enumerate(chain_of({*map(str, run.variables)}, name)[1:], start=1)
+    return max((float(np.abs(run.variables[each].values).max() * h**k) for k, each in derived), default=0.0)
 
 
 def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.path import steps_over_impacts
 from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.methods import METHODS
 from xdynamics.model import Model
 
 REACTION = "reaction"  # role of forces of contacts and frictions
@@ -25,14 +25,10 @@ def known_model(run: xr.Dataset) -> Model | None:
 
 def is_mean(run: xr.Dataset, name: str) -> bool:
     """Whether the values of a variable are means over the step before each row: impulses over its duration."""
-    if (
-        name not in run.variables
-        or run.variables[name].attrs.get("role") != REACTION
-        or "step_size" not in run.variables
-    ):
+    method = METHODS.get(str(run.attrs.get("solver_method")))
+    if method is None or method.stepper.locates or not {name, "step_size"} <= {*run.variables}:
         return False
-    model = known_model(run)
-    return model is not None and steps_over_impacts(run, model)
+    return bool(run.variables[name].attrs.get("role") == REACTION)
 
 
 def stairs(times: Floats, values: Floats) -> tuple[Floats, Floats]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import xarray as xr
 
 from xdynamics.figures.curves import has_chords, is_torn
@@ -13,13 +15,17 @@ CONTACT = {REACTION, "gap"}  # roles
 LONGEST_LABEL = 24  # characters
 
 
-def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
+def straight(run: xr.Dataset, *names: str, exact: bool = False, beside: Iterable[xr.Dataset] = ()) -> str:
     """Note where lines are straight between rows, because states there, or forces of contacts of many bodies, are unknown.
 
-    Forces of contacts that act over whole steps are known as means alone.
+    Forces of contacts that act over whole steps are known as means alone; where not all runs that are drawn have such
+    forces, their method is named.
     """
-    if any(is_mean(run, name) for name in names):
-        return "; means over the step before each row" + ", straight between those" * is_torn(run)
+    drawn = [run, *beside]
+    if of_means := [each for each in drawn if any(is_mean(each, name) for name in names)]:
+        whose = f" of {of_means[0].attrs['solver_method']}" * (len(of_means) < len(drawn))
+        torn = any(map(is_torn, of_means))
+        return f"; means over the step before each row{whose}" + ", straight between those" * torn
     if not has_chords(run, *names, exact=exact):
         return ""
     roles, model = {run.variables[name].attrs.get("role") for name in names if name in run.variables}, known_model(run)
