@@ -75,3 +75,20 @@ def test_times_as_they_are_written() -> None:
         for end in (f"{1 / 3!r} s", "0.33333333333333333333 s")
     ]
     assert third[0].rest_time.values[-1] != third[1].rest_time.values[-1]
+
+
+@pytest.mark.parametrize(("count", "is_kept"), [(63, True), (64, False)])
+def test_many_parameters(count: int, is_kept: bool) -> None:
+    """Assert that little is kept of each model: of 64 parameters at most, each time by the values of the model."""
+    own = {"m": "1 kg", "k": {"dims": ["spring"], "value": np.ones(count), "unit": "N m-1"}}
+    model = xd.Model(
+        name="springs",
+        dimensions={"spring": count},
+        coordinates={"x": "m"},
+        mass={"x": "m"},
+        parameters=own,
+        forces={"pull": {"x": "-sum(k, spring)*x"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
+    settings = settings_for(model, method="rk4", step=0.01, until=0.1)
+    assert recurs(model, settings, settings.layout(model)) == is_kept

@@ -13,7 +13,7 @@ from xdynamics.march.settings import Settings
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 
-FEW = 64  # numbers of a state of which what a march begins with is kept
+FEW = 64  # numbers of a state, and parameters, of which what a march begins with is kept
 
 
 def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
@@ -23,7 +23,7 @@ def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
     nodes follow from these.
     """
     return (
-        layout.used.size <= FEW
+        max(layout.used.size, len(model.parameters)) <= FEW
         and not (layout.reactions or layout.watched or model.events)
         and not (model.python_functions or model.assemblies or model.delays or model.drives or model.controllers)
         and not (settings.nodes or isinstance(settings.step, tuple) or settings.until == 0.0)
