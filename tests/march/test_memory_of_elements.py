@@ -177,3 +177,28 @@ def test_samples_found_one_by_one_have_the_same_bits(settings, request):
     apart = [xd.sample(run, INSIDE, rule=rule) for rule in RULES[settings.get("precision", "float64")]]
     for one, other in zip(together, apart, strict=True):
         assert one.identical(other)
+
+
+def test_a_refinement_holds_one_record_at_a_time(monkeypatch):
+    """Assert the bits of levels that are all held, a third more of memory, and 2,983 bytes a site over the result."""
+    sites = 3000
+    model = xd.Model.from_text(CHAIN.format(n=sites))
+    asked = {"method": "velocity_verlet", "until": 0.04, "at": [0.04, 0.025], "observables": ["u"]}
+    monkeypatch.setenv("XDYNAMICS_REMEMBERED_LIMIT", "0")
+    xd.refine(model, steps=[0.01, 0.005], **asked)
+
+    def refined():
+        tracemalloc.start()
+        study = xd.refine(model, steps=[0.01, 0.005, 0.0025], **asked)
+        beside = (tracemalloc.get_traced_memory()[1] - study.nbytes) / sites
+        tracemalloc.stop()
+        return study, beside
+
+    study, beside = refined()
+    assert beside < 1.1 * 2983.0
+    monkeypatch.setattr("xdynamics.evidence.refining.subjects.Subjects.foreseen", False)
+    held, more = refined()
+    assert more > 1.25 * beside
+    assert set(study.variables) == set(held.variables)
+    for name, variable in study.variables.items():
+        assert variable.identical(held.variables[name])

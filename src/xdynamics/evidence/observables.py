@@ -100,7 +100,7 @@ def observe(
             raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(known)}")
     states = sampled(run, times, after=True, rule=rule, functions=model.functions, model=model)
     used = layout_of(model).used
-    stored = [name for name in (*used, *(block.name for block in used.blocks)) if name in states.variables]
+    stored = [str(name) for name in states.variables if schema.error(str(name)) in states.variables]
     at, off = ({name: states.variables[of(name)].values for name in stored} for of in (str, schema.error))
     integrated = [name for name in names if name in states.variables or name in used]
     values = {name: (used.taken(at, name), used.taken(off, name)) for name in integrated}

@@ -249,6 +249,20 @@ def _study_of_accounts(subjects: Subjects, *accounts: tuple[Outline, Readings | 
     return study_dataset(subjects, Findings.of(Study.of(subjects, outlines, readings)), {})
 
 
+def study_level_by_level(subjects: Subjects) -> xr.Dataset:
+    """Return a refinement at once, of levels that are read as soon as they are marched: no two records are held.
+
+    Raises
+    ------
+    InputError
+        As `refine` does.
+    """
+    count = len(subjects.levels.values)
+    return _study_of_accounts(
+        subjects, *(_account(k, subjects.levels.marched(k), subjects, finest=k == count - 1) for k in range(count))
+    )
+
+
 def _study_by_outlines(subjects: Subjects, given: Task, runs: Sequence[Task]) -> Task:
     """Return the task of a study whose levels are read once all are outlined: at common events, by the finest's cycles."""
     last = len(runs) - 1

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.kept_results import folder_named
 from xdynamics.evidence.observables import is_observable, observables_of
-from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
+from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset, study_level_by_level
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
 from xdynamics.evidence.refining.states_after import AFTER
@@ -156,6 +156,8 @@ def refine(
                 " give all levels, or compute=True"
             )
         return lazy_study(Subjects(levels, names, at, many, defects))
+    if not until_change and (subjects := Subjects(levels, names, at, many, defects)).foreseen:
+        return study_level_by_level(subjects)
     study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at, many, defects)
     study, attributes = _refined(study, until_change or {}, bounds)
     return study_dataset(study.subjects, Findings.of(study), attributes)
