@@ -129,5 +129,5 @@ def test_heaps_are_advised_to_step_over_impacts(old: str, new: str, count: int) 
     """Assert that of fifty bodies that rub, and no fewer, Moreau's method is named before the march, if it takes them."""
     lines = [one for one in lines_of(xd.Model.from_text(ROUGH.replace(old, new))) if one.startswith("heap ")]
     assert len(lines) == count
-    assert all("50 bodies may rub on each other by contact 'balls'" in one for one in lines)
+    assert all("50 bodies may rub against each other by contact 'balls'" in one for one in lines)
     assert all(one.endswith("method = moreau_jean steps over them") for one in lines)

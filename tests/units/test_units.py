@@ -448,12 +448,25 @@ def test_astronomical_lengths_of_values(text: str, metres: float) -> None:
         ("3 quectogram", "no prefix quecto, 1e-30, .*; write the number in 'g'"),
         (
             "70 km/s/Mpc",
-            "unit 'Mpc' is not known in a product: .* like '20 parsec', and is kept in m; write 'm', 'km' or",
+            "unit 'Mpc' is not known here: .* like '20 parsec', and is kept in m; in a product write 'm', 'km' or",
         ),
-        ("1 ly/year", "unit 'ly' is not known in a product"),
+        ("1 ly/year", "unit 'ly' is not known here"),
     ],
 )
 def test_what_records_cannot_spell_has_a_remedy(text: str, said: str) -> None:
     """Assert that prefixes and lengths that UDUNITS has not are refused with what to write."""
     with pytest.raises(InputError, match=said):
         parse_quantity(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [("3 lightyears", "3 ly"), ("2 kiloparsec", "2 kpc"), ("1 megaparsec", "1 Mpc"), ("1 gigaparsecs", "1 Gpc")],
+)
+def test_lengths_by_their_full_names(text: str, same: str) -> None:
+    """Assert that a length is read by its full name as by its symbol; a thousandth of a parsec is refused with what is read."""
+    assert parse_quantity(text) == parse_quantity(same)
+    with pytest.raises(
+        InputError, match=r"unit 'mpc' is not known here: a value alone may be given in light_year \(ly\) or"
+    ):
+        parse_quantity("1 mpc")

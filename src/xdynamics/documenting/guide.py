@@ -373,7 +373,7 @@ def _units() -> Iterator[str]:
     yield "'2 kg m2 s-1', '1' for none."
     yield from folded(f"  units     {', '.join(SPELLING.values())}", 12)
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)};"
-    yield "            u is micro; R, Q, r, q are none of UDUNITS: write the power of ten in the number"
+    yield "            u is micro; UDUNITS has no R, Q, r or q: write the power of ten in the number"
     yield "  values    also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc),"
     yield "            which are kept in d, K and m; year is the Julian one, of 365.25 d"
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"

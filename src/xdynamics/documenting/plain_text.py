@@ -64,7 +64,7 @@ MOST_NODES = 400  # of the expression of an element, which is told as it is writ
 MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
 MOST_OF_WHOLES = 100_000  # where links far outnumber bodies: derivatives are found for all of them at once
 MOST_UNKNOWNS = 2_000  # accelerations and rates, of whose matrix eigenvalues are sought
-HEAP = 50  # bodies that rub on each other, of which a march that locates every impact has hardly an end
+HEAP = 50  # bodies that rub against each other: a march that locates every impact of theirs hardly ends
 
 Line = tuple[
     str, Callable[[], str]
@@ -331,7 +331,7 @@ def _scales(model: Model) -> Iterator[str]:
 
 
 def _heap(model: Model) -> Iterator[str]:
-    """Advise the method that steps over impacts where many bodies rub on each other."""
+    """Advise the method that steps over impacts where many bodies rub against each other."""
     for assembly in assemblies(model) if model.assemblies else ():
         relation, rubs = assembly.relation, assembly.contact.tangential == COULOMB
         if relation is None or relation.source != relation.target or not rubs:
@@ -339,7 +339,7 @@ def _heap(model: Model) -> Iterator[str]:
         bodies = model.shapes.extent(relation.source).size
         if bodies >= HEAP and marches_over_impacts(model):
             yield (
-                f"heap      {bodies} bodies may rub on each other by contact '{assembly.name}': other methods"
+                f"heap      {bodies} bodies may rub against each other by contact '{assembly.name}': other methods"
                 " locate each of their impacts, lifts and slips, ever more as they come to rest;"
                 f" method = {OVER_IMPACTS} steps over them"
             )

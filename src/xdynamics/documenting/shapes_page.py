@@ -61,7 +61,7 @@ CLOSING = (
         " max(…, dimension), min or sum: it is located where the first of them crosses."
     ),
     (
-        "Beside its record and 20 MB a march of many masses takes, for each in one dimension, some 80 bytes by velocity_verlet,"
+        "Besides its record and 20 MB, a march of many masses in one dimension takes some 80 bytes for each by velocity_verlet,"
         " 170 by rk4, 260 by dormand_prince, 490 by dop853 (32 for each stage: position, velocity, acceleration and force). A"
         " state by radau_iia takes 336: factors of a real and a complex band of three 104, derivatives and their places 60,"
         " stages 72 and a state for them 16, states at both ends 32, errors, tolerances and sizes 28, a row of the log 24. In a"

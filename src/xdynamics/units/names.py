@@ -93,8 +93,8 @@ def _remedy(readings: list[tuple[str, str]], fitting: list[tuple[str, str]]) -> 
     for _, unit in readings:
         if unit in LENGTHS_OF_VALUES:
             return (
-                f" in a product: a value alone may be given in it, like '20 {unit}', and is kept in m; write 'm', 'km' or"
-                " 'astronomical_unit'"
+                f" here: a value alone may be given in light_year (ly) or parsec (pc, kpc, Mpc, Gpc), like '20 {unit}', and is"
+                " kept in m; in a product write 'm', 'km' or 'astronomical_unit'"
             )
     return "; use SI names and symbols, like 'm', 'kg', 'degree'"
 

@@ -30,8 +30,8 @@ _SIGNS = {
 }
 _RAISED = re.compile("(?<![⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])(?=[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])")
 _CELSIUS, _FAHRENHEIT, _MONTH = ("°C", "℃", "degC", "celsius", "Celsius"), ("°F", "℉", "degF"), ("month", "months")
-_LENGTH = re.compile(r"(?P<prefix>k|M|G|)(?:(?P<parsec>pc|parsecs?)|ly|light[-_ ]years?)")
-_THOUSANDS = {"": 0, "k": 1, "M": 2, "G": 3}
+_LENGTH = re.compile(r"(?P<prefix>kilo|mega|giga|k|M|G|)(?:(?P<parsec>pc|parsecs?)|ly|light[-_ ]?years?)")
+_THOUSANDS = {"": 0, "k": 1, "M": 2, "G": 3, "kilo": 1, "mega": 2, "giga": 3}
 _OF_TIME = "units of time are s, ms, us, min, h, day, month and year"
 _DAYS_OF_MONTH = Fraction("365.25") / 12
 _OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){unit}(?![A-Za-z])" for unit in _CELSIUS))
