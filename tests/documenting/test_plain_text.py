@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 import xdynamics as xd
@@ -74,6 +76,42 @@ def test_methods_that_take_delays_are_those_that_march_them() -> None:
     assert offered == accepted
     assert {"dop853", "rk4", "velocity_verlet"} <= accepted
     assert not {"taylor", "radau_iia", "yoshida6"} & accepted
+
+
+KINDS = {
+    "contacts of many links": "granular_box",
+    "another law of impacts": "newtons_cradle_sequential",
+    "Poisson's law with friction": "woodpecker",
+    "dry friction": "stick_slip_belt",
+    "a controller": "cart_pid",
+    "states alone": "heat",
+    "constraints": "four_bar",
+    "links in a row": "links_pendulum",
+    "forces alone": "kepler",
+}
+
+
+@pytest.mark.parametrize("name", KINDS.values(), ids=KINDS)
+def test_methods_that_take_a_model_are_those_that_begin(name: str) -> None:
+    """Assert that a method is listed where a march by it begins, and refused with the same reason where none does."""
+    model = xd.Model.from_toml(f"data/models/{name}.toml")
+    told = [line.split(maxsplit=1) for line in lines_of(model) if line.startswith(("method ", "not by "))]
+    listed = {line.partition(":")[0] for key, line in told if key == "method"}
+    reasons = {
+        one: reason
+        for key, line in told
+        if key == "not"
+        for names, _, reason in [line.removeprefix("by").strip().partition(": ")]
+        for one in names.split(", ")
+    }
+    assert listed | reasons.keys() == METHODS.keys()
+    for method in METHODS:
+        settings = {"method": method, "step": model.run.get("step", "1 ms"), "until": model.run["until"]}
+        if method in listed:
+            assert settings_for(model, **settings).method.name == method
+        else:
+            with pytest.raises(xd.InputError, match=re.escape(reasons[method])):
+                settings_for(model, **settings)
 
 
 def test_joints_are_named_in_the_motion() -> None:

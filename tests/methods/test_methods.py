@@ -261,6 +261,13 @@ def test_verlet_refuses_a_curved_gap_and_says_so() -> None:
         xd.simulate(round_floor, method="velocity_verlet", step=0.01, until=0.1)
 
 
+def test_a_contact_that_rubs_is_named_once() -> None:
+    """Assert that a refusal of contacts names each once, though a contact with friction has two forces."""
+    model = xd.Model.from_toml(MODELS / "woodpecker.toml")
+    with pytest.raises(xd.InputError, match=r"no derivatives of \(beak, lower, upper\); these fit"):
+        xd.simulate(model, method="radau_iia")
+
+
 def test_verlet_refuses_angle_dependent_mass() -> None:
     """Assert that a full mass matrix that depends on coordinates is refused."""
     model = xd.Model.from_toml(MODELS / "double_pendulum.toml")

@@ -98,17 +98,9 @@ def test_models_that_have_no_such_steps() -> None:
     """Assert that steps over contacts refuse a law of located impacts, and an estimate that knows of none."""
     newton, energetic, free = ball(restitution=0.5), ball(restitution=0.5, law="energetic"), ball()
     steps, law, error = TimeStepping(), "Newton's law of restitution over whole steps", "knows of impacts"
-    assert [steps.faults(model, "m", estimates=False) for model in (newton, free)] == [[], []]
-    assert steps.faults(free, "m", estimates=True) == []
-    (first,), (second,) = (
-        steps.faults(energetic, "m", estimates=False),
-        steps.faults(newton, "m", estimates=True),
-    )
+    assert [[*steps.refusals(model), *LINES.refusals(model)] for model in (newton, free)] == [[], []]
+    assert [steps.faults_of_estimates(free, "m"), LINES.faults_of_estimates(newton, "m")] == [[], []]
+    (first,), (second,) = steps.refusals(energetic), steps.faults_of_estimates(newton, "m")
     assert law in first
     assert error in second
-    assert [
-        *map(len, (steps.faults(energetic, "m", estimates=True), LINES.faults(energetic, "m", estimates=True)))
-    ] == [
-        2,
-        0,
-    ]
+    assert LINES.refusals(energetic) == []

@@ -257,7 +257,8 @@ class Settings:
             for node in self.nodes
             if not start < node < self.until
         ]
-        faults += self.method.stepper.faults(model, self.method.name, estimates=self.scheme.estimates)
+        if self.scheme.estimates:
+            faults += self.method.stepper.faults_of_estimates(model, self.method.name)
         faults += self._faults_of_scales(model)
         if len(faults) > 1:
             raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))

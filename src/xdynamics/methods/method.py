@@ -108,6 +108,7 @@ class Method:
         return [
             *(f"it is not defined for {trait} ({traits[trait]})" for trait in refused),
             *self._refusals_of_delays(model),
+            *self.stepper.refusals(model),
         ]
 
     def _refusals_of_delays(self, model: Model) -> list[str]:

@@ -85,8 +85,12 @@ class Stepper:
         """Count the force evaluations of a step that are kept; of equations, those of one iteration."""
         return sum(map(_evaluations, (*update, *estimate)))
 
-    def faults(self, _model: Model, _method: str, *, estimates: bool) -> list[str]:  # noqa: ARG002
-        """List why a model has no such steps, with an estimate of their error or without."""
+    def refusals(self, _model: Model) -> list[str]:
+        """List why a model has no such steps, whatever the settings."""
+        return []
+
+    def faults_of_estimates(self, _model: Model, _method: str) -> list[str]:
+        """List why there is no estimate of the error of such steps."""
         return []
 
 
@@ -104,20 +108,20 @@ class TimeStepping(Lines):
 
     locates: ClassVar[bool] = False
 
-    def faults(self, model: Model, method: str, *, estimates: bool) -> list[str]:
-        """List why a model has no such steps: another law of impacts, or an error that no estimate knows of."""
-        faults = []
-        other = {contact.law for contact in (model.contacts | model.assemblies).values()} - {NEWTON_S}
-        if other:
-            faults.append(
-                f"method '{method}' has Newton's law of restitution over whole steps, and law = '{min(other)}' is for"
-                " impacts that are located; take another method or law = 'newton'"
-            )
-        if estimates and (reactions(model) or model.assemblies):
-            faults.append(
-                f"method '{method}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
-            )
-        return faults
+    def refusals(self, model: Model) -> list[str]:
+        """List why a model has no such steps: another law of impacts."""
+        others = {contact.law for contact in (model.contacts | model.assemblies).values()} - {NEWTON_S}
+        return [
+            f"it has Newton's law of restitution over whole steps, and law = '{law}' is for impacts that are located;"
+            " write law = 'newton' for it"
+            for law in sorted(others)
+        ]
+
+    def faults_of_estimates(self, model: Model, method: str) -> list[str]:
+        """List why there is no estimate of the error of such steps: none knows of impacts."""
+        if not (reactions(model) or model.assemblies):
+            return []
+        return [f"method '{method}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"]
 
 
 @dataclass(frozen=True)
@@ -210,17 +214,12 @@ class Jets(Stepper):
         """Return what makes a step besides its lines."""
         return SERIES
 
-    def faults(self, model: Model, method: str, *, estimates: bool) -> list[str]:  # noqa: ARG002
+    def refusals(self, model: Model) -> list[str]:
         """List why a model has no such steps: forces that are found by iteration have no series."""
         if not model.assemblies:
             return []
-        named = ", ".join(model.assemblies)
-        return [
-            (
-                f"method '{method}' has no series of the forces of contacts of many links ({named}), which are found by"
-                " iteration; take dop853 or velocity_verlet"
-            )
-        ]
+        named = ", ".join(f"'{name}'" for name in model.assemblies)
+        return [f"it has no series of the forces of contacts of many links ({named}), which are found by iteration"]
 
 
 def _sum(weights: Sequence[str]) -> str:

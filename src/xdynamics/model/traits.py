@@ -42,7 +42,7 @@ def traits_of(model: Model) -> dict[Trait, str]:
     owners = {
         Trait.PYTHON_FORCES: [f"function {', '.join(item.name for item in model.python_forces)}"]
         * bool(model.python_forces),
-        Trait.CONTACTS: [item.owner for item in reactions(model)],
+        Trait.CONTACTS: [*dict.fromkeys(item.owner for item in reactions(model))],
         Trait.CONSTRAINTS: [*model.shaped.constraints],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
