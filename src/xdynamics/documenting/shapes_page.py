@@ -55,6 +55,13 @@ CLOSING = (
     "In [mass], matrix = [[…], …] has an entry for every two coordinates; it couples elements whose shared dimensions agree.",
     "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
     (
+        'So discs in a box have [contacts.floor] gap = "take(r, axis, 1) - R", one for each, and [contacts.discs] gap ='
+        ' "norm(second(r, pair) - first(r, pair), axis) - 2*R", one for each pair. Where they rub, slip is the velocity of'
+        " second less that of first across the line between them, counterclockwise, less R*(first(v_theta, pair) +"
+        " second(v_theta, pair))/radian. Pictures and films draw bodies where one coordinate has them along a dimension and"
+        " their two or three axes along another."
+    ),
+    (
         "Each located event has two rows of the record, with the states of all elements: n elements with an event each have 2*n*n"
         " numbers of each quantity; a run that comes to more than there is memory for ends with an error. So log what is needed"
         " (log = ['u[0]'], in Python too), stream it to a file (-o, path=…), or take one event for all, whose function is"

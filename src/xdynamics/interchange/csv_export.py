@@ -17,6 +17,7 @@ from xdynamics.faults import ArchiveError, InputError
 from xdynamics.record import of_elements
 from xdynamics.runtime.files import file_above
 from xdynamics.schema import AT, AT_TIME, error
+from xdynamics.shapes.naming import spoken
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,7 +51,7 @@ def text_of(states: xr.Dataset) -> str:
     """Return states at some times, as `sample` gives them: CSV with units in its header, numbers to the last bit."""
     names = [str(name) for name in states.data_vars if states[name].dims == (AT,) and error(str(name)) in states]
     columns = {f"time [{states[AT_TIME].attrs['units']}]": states[AT_TIME].values}
-    columns |= {f"{name} [{states[name].attrs['units']}]": states[name].values for name in names}
+    columns |= {f"{spoken(name)} [{states[name].attrs['units']}]": states[name].values for name in names}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(columns)

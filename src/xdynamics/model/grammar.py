@@ -383,7 +383,7 @@ SECTIONS: dict[str, Section] = {
             Key("wrap", names_of("angles"), "drawn within half a turn to either side", "none"),
         ),
         '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\nbodies = ["cart", "bob"]\nlinks = [["cart", "bob"]]\nsprings = [["origin", "cart"]]\nthreads = [["origin", "bob"]]\nsection = "2*pi*sqrt(m/k)"\nwrap = ["theta"]\n',
-        "without it two coordinates of one unit are a plane, and three are seen from three sides",
+        "without it two coordinates of one unit are a plane, three are seen from three sides; of many bodies r over body and axis",
         make=Pictured, field="pictured",
     ),
     "run": Section(

@@ -140,8 +140,9 @@ class Subjects:
     def states_after(self) -> dict[str, list[StateAfter]]:
         """The states that are compared after the events of each detector, of whatever size."""
         model, found = self.levels.model, dict[str, list[StateAfter]]()
-        for detector in dict.fromkeys(parted(name)[0] for name in self.detectors):
-            along = model.shapes.dims.get(detector, ())
+        for detector, event in {parted(name)[0]: name for name in self.detectors}.items():
+            # contacts of many links have dimensions, and one detector for all
+            along = model.shapes.dims.get(detector, ()) if DOT in event else ()
             states = [StateAfter(detector, name, along, *self._dims_and_place(name)) for name in self.after_events]
             found[detector] = [
                 each for own in states for each in (own, *([replace(own, every=True)] if own.shared else []))
