@@ -297,6 +297,7 @@ def test_states_left_to_the_record_are_those_that_were_copied(monkeypatch: pytes
     )
     copied = xd.simulate(model, log="states", until="6 s")
     monkeypatch.setattr("xdynamics.record.run_dataset.WIDE", 1)
+    monkeypatch.setattr("xdynamics.record.run_dataset.WIDEST", 1)
     monkeypatch.setattr("xdynamics.march.runner.LARGE", 1)
     left = xd.simulate(model, log="states", until="6 s")
     # that of another row than the first

@@ -35,6 +35,7 @@ Array = NDArray[Any]
 
 TIME = "time"
 WIDE = 1 << 16  # numbers of a row of a column from which it is half a megabyte
+WIDEST = 1 << 19  # from which pages of its own are worth their faults: they leave no holes on the heap
 KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
 
 
@@ -284,7 +285,7 @@ class GatheredColumn:
         """Make room for all rows that are expected, behind those that were there before."""
         earlier = sum(map(len, self.pieces))
         rows = earlier + (self.expected or len(values))
-        if values[:1].size >= WIDE and sys.platform == "linux":
+        if values[:1].size >= WIDEST and sys.platform == "linux":
             self._pages = mapped(rows * values[:1].nbytes)
         self.room = np.empty((rows, *values.shape[1:]), values.dtype) if self._pages is None else self._on_pages(values)
         for piece in self.pieces:
