@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
@@ -67,3 +68,15 @@ def test_an_open_bracket_at_the_start_is_named() -> None:
         xd.InputError, match=re.escape("initial value 'u': expression '2*index(site*metre' cannot be read")
     ):
         xd.Model.from_text(CHAIN.format(entry='"1 N"', start="2*index(site*metre"))
+
+
+def test_the_largest_of_all_elements_is_read_at_the_start() -> None:
+    """Assert that `max` and `min` along a dimension are read in starts and values, as `sum` is."""
+    wrap = "cos(0.3*index(site))"
+    text = CHAIN.format(
+        entry='{ dims = ["site"], value = "(1 + index(site))/max(1 + index(site), site)" }',
+        start=f"metre*{wrap}/max({wrap}, site)*min(c, site)",
+    )
+    start = xd.simulate(xd.Model.from_text(text), method="rk4", step=0.1, until=0.1).u.values[0]
+    found = np.cos(0.3 * np.arange(5))
+    np.testing.assert_allclose(start, found / found.max() / 5.0, rtol=1e-15)

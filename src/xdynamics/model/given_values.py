@@ -17,7 +17,7 @@ from xdynamics.model.table_keys import near
 from xdynamics.model.table_values import from_table
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
 from xdynamics.model.value_forms import is_expression, is_meant
-from xdynamics.shapes import Shapes
+from xdynamics.shapes import Shapes, prepared
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
 
 
@@ -86,7 +86,7 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
         raise InputError(f"needs one of value, values, table; has {' and '.join(ways) or 'none of them'}")
     shape = shapes.shape(dims)
     if is_expression(entry.get("value")) or is_meant(entry.get("value")):
-        return _by_expression(entry, dims, shape, at_start=declared is not None)
+        return _by_expression(entry, dims, shapes, at_start=declared is not None)
     check_room(dims, shapes)
     if "values" in entry:
         if not (dims and isinstance(entry["values"], Mapping)):
@@ -104,16 +104,13 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
     return Values(dims, unit, numbers, _spreads(entry, unit, shape, dims), description=about)
 
 
-def _by_expression(
-    entry: Mapping[str, Any], dims: tuple[str, ...], shape: tuple[int, ...], *, at_start: bool
-) -> Values:
+def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shapes, *, at_start: bool) -> Values:
     """Read an expression: of constants and numbers of elements, beside which a unit may stand, or at the start of more."""
     if at_start and (extra := [key for key in (*SIZES, "unit") if key in entry]):
         raise InputError(f"has {extra[0]} beside an expression; give them to the parameters that it reads")
-    values = Values(
-        dims, _unit(entry), tree=parse(entry["value"]), description=str(entry.get("description", "")).strip()
-    )
-    return values if at_start else replace(values, spreads=_spreads(entry, unit_of(values), shape, dims))
+    tree = prepared(parse(entry["value"]), shapes)
+    values = Values(dims, _unit(entry), tree=tree, description=str(entry.get("description", "")).strip())
+    return values if at_start else replace(values, spreads=_spreads(entry, unit_of(values), shapes.shape(dims), dims))
 
 
 def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
