@@ -215,3 +215,8 @@ def test_its_picture_and_diagnosis_tell_what_contacts_took(pile: xd.Model, heap:
     diagnosis = xd.diagnose(short)
     assert (diagnosis.continuity_defect_x <= diagnosis.continuity_bound_x).all()
     assert int(diagnosis.continuity_steps) == 150
+    keep = ["maximum_y", "minimum_v_x"]
+    sweep = xd.sweep(pile, {"mu": [0.4]}, method="moreau_jean", step="2 ms", until="0.3 s", keep=keep).isel(mu=0)
+    for name in (f"{word}{end}" for word in keep for end in ("", "_time", "_rule", "_uncertainty")):
+        np.testing.assert_array_equal(sweep[name].values, diagnosis[name].values, err_msg=name)
+    assert (sweep.maximum_y_rule == 0).all()  # accepted states alone

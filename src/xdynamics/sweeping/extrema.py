@@ -60,12 +60,19 @@ def _extremes(runs: Harvest, name: str, sign: float) -> Extremes:
     rows, members = crests(sign * values, first)
     tops = _tops(sign * values, rows, members, runs.size)
     result = _accepted(runs, values, tops)
-    if runs.columns[name].variable.role not in STATES and runs.model.python_functions:
+    unrated = runs.columns[name].variable.role not in STATES and bool(runs.model.python_functions)
+    solves_anew = (
+        bool(runs.model.assemblies) and not runs.settings.method.stepper.locates
+    )  # impulses at each time inside
+    if unrated or solves_anew:
         for i in np.flatnonzero(result.rule == SAMPLED).tolist():
             run_rows = slice(first[i], first[i + 1])
             result.uncertainty[i] = beyond(values[run_rows], time[run_rows], int(tops[i] - first[i]))
+    if unrated:
         return result
     search = _search(runs, name, sign, result, humps(sign * values, time, first, rows, members))
+    if solves_anew:
+        return result._replace(uncertainty=np.fmax(result.uncertainty, search.open_heights))
     while (places := search.places()).size:
         times = search.asked
         states, from_rows = runs.states_at(times, places, after=False, known=search.rows)
