@@ -50,6 +50,23 @@ forces.spring.x = "-k*delayed(x, '0.2 s')"
 initial.x = "1 m"
 """
 
+ROW = """name = "Row of springs"
+dimensions.site = 3
+coordinates.x = {{ unit = "cm", dims = ["site"] }}
+coordinates.z = {{ unit = "m", dims = ["site"] }}
+coordinates.y.unit = "m"
+states.s = {{ unit = "1", rate = "1/second" }}
+parameters = {{ m = "1 kg", k = "4 N m-1", l = "0.1 m" }}
+mass = {{ x = "m", y = "m", z = "m" }}
+forces.spring.x = "-k*x"
+[initial]
+x = "{x}"
+y = "{y}"
+v_y = "0.30000000000000004 m s-1"
+s = "l/metre*3"
+z = {{ unit = "m", value = [1, 2, 0.30000000000000004] }}
+"""
+
 
 @pytest.mark.parametrize(("points", "fate"), [(20, "located"), (150, "landed on")])
 def test_fate_of_switches_is_that_of_a_run(points: int, fate: str) -> None:
@@ -169,3 +186,25 @@ def test_heaps_are_advised_to_step_over_impacts(old: str, new: str, count: int) 
     assert len(lines) == count
     assert all("50 bodies may rub against each other by contact 'balls'" in one for one in lines)
     assert all(one.endswith("method = moreau_jean steps over them") for one in lines)
+
+
+@pytest.mark.parametrize(
+    ("y", "said"),
+    [
+        ("3*l", "0.3 m"),
+        ("l/3", "0.0333333333333 m"),
+        ("3e-20*l", "3e-21 m"),
+        ("0.30000000000000004 m", "0.30000000000000004 m"),
+        ("0.12345678901234567890123 m", "0.12345678901234567890123 m"),
+    ],
+)
+def test_starts_are_as_written_or_without_what_rounding_leaves(y: str, said: str) -> None:
+    """Assert all digits of starts that are written, and 12 of those that expressions give, also to each element."""
+    model = xd.Model.from_text(ROW.format(x="l*(1 + index(site))", y=y))
+    assert repr(model.initial["x·2"].value) == "30.000000000000004"
+    (start,) = [line for line in lines_of(model) if line.startswith("start")]
+    parts = dict(part.split(" = ") for part in start.removeprefix("start").strip().split(", "))
+    assert [parts[f"x[{i}]"] for i in range(3)] == ["10.0 cm", "20.0 cm", "30.0 cm"]
+    assert parts["y"] == said
+    assert parts["s"] == "0.3"
+    assert (parts["v_y"], parts["z[2]"]) == ("0.30000000000000004 m s-1", "0.30000000000000004 m")

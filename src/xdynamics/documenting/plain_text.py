@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, groupby
 from operator import itemgetter
@@ -39,7 +40,7 @@ from xdynamics.model.whole_jacobian import is_dense
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.shapes.naming import parted
-from xdynamics.units import unit_suffix
+from xdynamics.units import Quantity, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,6 +61,7 @@ COUNTED = (
 )
 
 MOST_ELEMENTS = 6  # of one quantity, of which each is told
+DIGITS = 12  # of a value at the start that an expression gives
 MOST_NODES = 400  # of the expression of an element, which is told as it is written for all if it has more
 MOST_DERIVATIVES = 20_000  # of forces by the state, up to which time scales are sought
 MOST_OF_WHOLES = 100_000  # where links far outnumber bodies: derivatives are found for all of them at once
@@ -83,13 +85,19 @@ def _lines(model: Model) -> Iterator[str]:
     yield f"{model.name}: {counted}; every name is known and every unit fits"
     yield from _first_elements(chain(_motion(model), _occasions(model)))
     starts = ", ".join(
-        _first_elements(
-            (parted(name)[0], partial("{} = {}".format, name, value)) for name, value in model.initial.items()
-        )
+        _first_elements((parted(name)[0], partial(_start, model, name, value)) for name, value in model.initial.items())
     )
     moved = "; moved from there to where constraints hold" if model.consistent else ""
     yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{moved}"
     yield from _scales(model)
+
+
+def _start(model: Model, name: str, value: Quantity) -> str:
+    """Return a value at the start as it was written; that of an expression without the digits that rounding leaves."""
+    given = model.shaped.starting.get(parted(name)[0])
+    if given is not None and given.tree is not None:
+        value = replace(value, value=float(f"{value.value:.{DIGITS}g}"))
+    return f"{name} = {value}".removesuffix(" 1")
 
 
 def _first_elements(lines: Iterable[Line]) -> Iterator[str]:
