@@ -152,6 +152,42 @@ def test_energies_by_term_are_those_of_each_force() -> None:
     assert np.allclose(found["springs"][1][places], 25.0 * (r**2).sum(axis=(1, 2)), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("units", "energy", "weight", "stiffness"),
+    [
+        ({"m": "2e3 g", "g": "10 m s-2", "k": "5e-4 kJ cm-2", "y": "cm"}, "J", 0.2, 0.5),
+        ({"m": "2 kg", "g": "1 cm ms-2", "k": "100 mJ mm-2", "y": "mm"}, "J", 20.0, 0.1),
+        ({"m": "2 kg m2", "g": "10 s-2", "k": "50 J", "y": "degree"}, "J", np.pi / 9.0, 50.0 * (np.pi / 180.0) ** 2),
+        ({"m": "2e3 g", "g": "10", "k": "50 kg", "y": "1", "time": "1"}, "kg", 20.0, 50.0),
+        ({"m": "2", "g": "10", "k": "50", "y": "1", "time": "1"}, "1", 20.0, 50.0),
+    ],
+)
+def test_energies_by_term_are_in_coherent_units(
+    units: dict[str, str], energy: str, weight: float, stiffness: float
+) -> None:
+    """Assert m g y and k y^2/2 in the SI unit of energies, of which the record has the sum, whatever units a model is in."""
+    time = units.get("time", "s")
+    text = f"""
+name = "ball on a spring"
+coordinates.y = "{units["y"]}"
+time.unit = "{time}"
+parameters = {{ m = "{units["m"]}", g = "{units["g"]}", k = "{units["k"]}" }}
+mass.y = "m"
+forces.weight.potential = "m*g*y"
+forces.spring.potential = "k*y**2/2"
+initial.y = "1 {units["y"]}"
+"""
+    run = xd.simulate(xd.Model.from_text(text), method="rk4", step=f"0.001 {time}", until=f"0.1 {time}")
+    assert {run[f"{kind}_energy"].attrs["units"] for kind in ("kinetic", "potential", "total")} == {energy}
+    axes = panel(run, only="energy")
+    assert axes.get_ylabel() == f"energy ({energy})".removesuffix(" (1)")
+    found = lines(axes)
+    places = np.searchsorted(found["weight"][0], run["time"].values)
+    y = run["y"].values
+    assert np.allclose(found["weight"][1][places], weight * y, rtol=1e-12, atol=0.0)
+    assert np.allclose(found["spring"][1][places], stiffness * y**2 / 2.0, rtol=1e-12, atol=0.0)
+
+
 def test_one_term_has_no_panel_of_its_own() -> None:
     """Assert that energies of a model with one potential are one panel, and those of several runs as well."""
     one = xd.simulate(xd.Model.from_text(SITES.replace("site = 70", "site = 3")))

@@ -16,7 +16,6 @@ from xdynamics.figures.level_lines import known_model
 from xdynamics.figures.line_panels import over_the_run
 from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
 from xdynamics.model import Model
-from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +41,7 @@ def _count(model: Model) -> int:
 
 
 def terms(run: xr.Dataset) -> tuple[Floats, dict[str, Floats]] | None:
-    """Return times and the potential energy of each term, in the unit of the sum; None if they do not give the recorded sum.
+    """Return times and the potential energy of each term, in the SI unit of its sum; None if they do not give the recorded sum.
 
     Rows of a long run are thinned; where its steps were made again there are points inside of them.
     """
@@ -58,8 +57,7 @@ def terms(run: xr.Dataset) -> tuple[Floats, dict[str, Floats]] | None:
         states = {name: np.concatenate([states[name], inner.states[name]])[order] for name in model.units}
         places = np.concatenate([rows, inner.rows])[order]
     try:
-        factor = float(parse_unit(str(run.variables[POTENTIAL].attrs["units"])).factor)
-        found = {name: values / factor for name, values in potentials_on(run, model, states, times, places).items()}
+        found = potentials_on(run, model, states, times, places)
     except (InputError, KeyError):
         return None
     at = np.searchsorted(times, time[rows], side="left")
