@@ -217,3 +217,35 @@ def test_a_start_of_numbers_is_not_carried() -> None:
     found = xd.validate(model.replace(initial={"u": {"unit": "mm", "value": numbers}}))
     assert found.bound_start.values.tolist() == [0.0]
     assert found.bound_closed_form[0] > 0.0
+
+
+WITH_JUMPS = {  # and how many elements are not at 0
+    "sign(sin(pi*index(site)))*A": FEW - 1,
+    "A*atan2(sin(pi*index(site)), -1)": FEW,
+    "A*floor(index(site)*sin(pi/6)*2)": FEW - 2,
+}
+
+
+@pytest.mark.parametrize("shape", WITH_JUMPS)
+def test_another_side_of_a_jump_is_no_rounding(shape: str) -> None:
+    """Assert that a closed form with 31 digits on another side of a jump leaves a bound of rounding, which tells errors."""
+    text = CHAIN.format(n=FEW).replace(
+        '"k*(shift(u, site, 1, 0*metre) - 2*u + shift(u, site, -1, 0*metre))"', '"0*k*u"'
+    )
+    start = 'u = "A*sin(pi*(index(site) + 1)/(size(site) + 1))"'
+    text = text.replace(start, f'u = "{shape}"')
+    for wrong, verdict in (("", "passed"), ("*(1 + 1e-9)", "failed")):
+        form = FORM.format(quantity="u", expression=shape + wrong, bound="rounding", more="")
+        found = xd.validate(xd.Model.from_text(text + form))
+        assert words_of(found.verdict) == [verdict]
+        assert int(found.case_elements_failed[0]) == (WITH_JUMPS[shape] if wrong else 0)
+        largest = 100.0 * FEW * np.pi
+        assert (found.bound_closed_form + found.bound_start < 4.0 * np.spacing(largest)).all()
+
+
+def test_a_pole_of_a_closed_form_is_no_rounding() -> None:
+    """Assert that a closed form next to a pole, of meters in floats and of 10^15 m with 31 digits, does not pass."""
+    pole = f"{MOTION} + 1e-15*A/sin(pi*(t/(0.1*second) + 1))"
+    form = FORM.format(quantity="u", expression=pole, bound="rounding", more="")
+    found = xd.validate(xd.Model.from_text(CHAIN.format(n=FEW) + form))
+    assert int(found.case_elements_failed[0]) == FEW

@@ -237,8 +237,13 @@ class CaseRuns:
             return 0.0, 0.0
         run, factor = self.run, float(parse_unit(_units(self.run, case)).factor)
         times = self._times(run, case)
-        of_form = rounding_of_form(self.model, case, self._block(case), times, self._exact(case, times)) / factor
+        size = factor * float(np.max(_largest(column(run, "time" if case.quantity == "t" else case.quantity).values)))
+        exact = self._exact(case, times)
+        of_form = rounding_of_form(self.model, case, self._block(case), times, exact, size) / factor
         if self.moved is None or self.moved.attrs["run_outcome"] not in GOOD:
+            return of_form, 0.0
+        kinds, others = (record.variables["row_kind"].values for record in (run, self.moved))
+        if not np.array_equal(kinds, others):
             return of_form, 0.0
         try:
             here, there = (self._deviation(record, case) for record in (run, self.moved))

@@ -90,8 +90,8 @@ def validate(
     symplectic methods, in the last tenth 1.5 times the largest error in the first tenth, at most a fifth of the value.
     `unscaled`: rounding, compared with the same march in SI units. Each but the last, if it is not given, has two more
     parts for the rounding of expressions, which near a zero of a sine is as large as near its summit: what the closed
-    form is off from itself with 31 digits (cross products left out), and what the expressions of `[initial]` are, of
-    which another march tells how far it has come at the end.
+    form is off from itself with 31 digits (cross products, and values across a jump or a pole, left out), and what the
+    expressions of `[initial]` are, of which another march tells how far it has come at the end.
 
     Examples
     --------

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.observed_quantities import given_to
-from xdynamics.expressions import free_names
+from xdynamics.expressions import Call, Node, free_names
+from xdynamics.expressions.tree import every
 from xdynamics.model import Model
 from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.elementwise import in_si
+from xdynamics.model.kinks import JUMPING
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Validation
 from xdynamics.model.whole import written_out
@@ -24,6 +26,8 @@ from xdynamics.shapes.precise_evaluation import rounding_errors
 Floats = NDArray[np.float64]
 
 MAGNIFIED = 2.0**20  # times its rounding, by which a start is moved: what a march makes of it stands out of its own
+NEAR = 2.0**-26  # of the largest value: what is further off by rounding is on another side of a jump
+_APART = frozenset((*JUMPING, "atan2"))  # functions of which rounding may take another side
 PIECE = 1 << 18  # numbers of a closed form that are evaluated together: each has dozens of intermediate results
 
 
@@ -36,16 +40,33 @@ def start_without_rounding(model: Model) -> Model | None:
         return None
     errors = ElementNumbers(model.shaped, model.shapes).rounding_at_start(model.parameters, model.initial)
     initial = {}
-    for name, error in errors.items():
+    for name, found in errors.items():
+        block = Blocks.of("", [name], model.shapes)
+        start = in_si(model.initial, block).reshape(found.shape)
+        tree = model.shaped.starting[name].tree
+        error = found if tree is None else without_jumps(tree, found, float(np.max(np.abs(start), initial=0.0)))
         if error.any():
-            block = Blocks.of("", [name], model.shapes)
-            moved = in_si(model.initial, block).reshape(error.shape) - MAGNIFIED * error
+            moved = start - MAGNIFIED * error
             unit = model.initial[block.blocks[0].first].unit
             initial[name] = {"unit": unit.text, "value": (moved / float(unit.factor)).tolist()}
     return model.replace(initial=initial) if initial else None
 
 
-def rounding_of_form(model: Model, case: Validation, block: Block, times: Floats, found: Floats) -> Any:
+def without_jumps(tree: Node, errors: Any, size: float) -> Any:
+    """Return what rounding did to an expression, 0 where that is another side of a jump, or of a pole.
+
+    Parameters
+    ----------
+    tree : Node
+    errors : ndarray
+    size : float
+        The largest value that is expected.
+    """
+    jumps = any(isinstance(part, Call) and part.function in _APART for part in every(tree))
+    return np.where(np.abs(errors) <= (NEAR if jumps else 2.0) * size, errors, 0.0)
+
+
+def rounding_of_form(model: Model, case: Validation, block: Block, times: Floats, found: Floats, size: float) -> Any:
     """Return the most that rounding did to a closed form at some times, of each element, in SI units.
 
     Parameters
@@ -57,6 +78,8 @@ def rounding_of_form(model: Model, case: Validation, block: Block, times: Floats
     times : ndarray, shape (k,), s
     found : ndarray, shape (k, ...)
         The closed form in floats.
+    size : float
+        The largest value of the quantity along the run.
     """
     if block.dims:
         tree = written_out(model, case.expression)
@@ -76,5 +99,6 @@ def rounding_of_form(model: Model, case: Validation, block: Block, times: Floats
         )
         values = np.moveaxis(found[part], 0, -1)
         errors = rounding_errors(tree, (*block.dims, AT), {**known, "t": here}, inside, values, AT)
+        errors = without_jumps(tree, errors, size)
         most = np.maximum(most, np.max(np.abs(errors), axis=-1))
     return most
