@@ -249,3 +249,37 @@ def test_a_pole_of_a_closed_form_is_no_rounding() -> None:
     form = FORM.format(quantity="u", expression=pole, bound="rounding", more="")
     found = xd.validate(xd.Model.from_text(CHAIN.format(n=FEW) + form))
     assert int(found.case_elements_failed[0]) == FEW
+
+
+RESTING = """
+name = "resting"
+[coordinates]
+y = { unit = "m" }
+[parameters]
+m = "1 kg"
+g = "10 m s-2"
+[mass]
+y = "m"
+[forces.weight]
+y = "-m*g"
+[initial]
+y = "sin(pi/5)*metre"
+[contacts.floor]
+gap = "y - sin(pi/5)*metre"
+restitution = "0"
+[validation.y]
+quantity = "y"
+expression = "sin(pi/5)*metre"
+bound = "rounding"
+[run]
+method = "rk4"
+step = "0.1 s"
+until = "1 s"
+"""
+
+
+def test_a_start_that_cannot_be_moved_is_not_carried() -> None:
+    """Assert that a body at rest on a floor, which a moved start would be inside of, is judged without that part."""
+    found = xd.validate(xd.Model.from_text(RESTING))
+    assert words_of(found.verdict)[0] == "passed"
+    assert found.bound_start.values[0] == 0.0

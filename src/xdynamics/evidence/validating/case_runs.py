@@ -124,9 +124,12 @@ class CaseRuns:
 
     @cached_property
     def moved(self) -> xr.Dataset | None:
-        """The run from a start without rounding, by `MAGNIFIED` times as much; None where that is the start itself."""
-        model = start_without_rounding(self.model)
-        return None if model is None else whole_of(self._march(model, **self.asked))
+        """The run from a start without rounding, by `MAGNIFIED` times as much; None where that is none, or is refused."""
+        try:
+            model = start_without_rounding(self.model)
+            return None if model is None else whole_of(self._march(model, **self.asked))
+        except InputError:  # a body at rest on a floor may be inside it by then
+            return None
 
     def filled(self, row: LedgerRow, case: Validation) -> LedgerRow:
         """Return a line with its residual, bound and scale: of a quantity with dimensions those of its worst element.
