@@ -315,7 +315,7 @@ PROBLEMS: dict[str, Benchmark] = {
 
 
 def main() -> None:
-    """Print how far scipy at its tightest is from every reference, and how far a fixed march of the model."""
+    """Print how far scipy at its tightest is from every reference, and how far a march of the model in fixed steps."""
     import scipy
     from scipy.integrate import solve_ivp
 

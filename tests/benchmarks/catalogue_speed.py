@@ -1,4 +1,4 @@
-"""A sweep of many members in a folder over the same one in memory: processor time, and memory at its peak, of processes of their own.
+"""A sweep of many members in a folder beside the same one in memory: processor time, and memory at its peak, of processes of their own.
 
 python tests/benchmarks/catalogue_speed.py [members]
 """

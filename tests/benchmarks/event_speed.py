@@ -1,4 +1,4 @@
-"""What looking for events costs: ratios of marches beside each other in one run, none of them over the other's disk.
+"""What looking for events costs: marches beside each other in one run, without their records.
 
     python tests/benchmarks/event_speed.py
 

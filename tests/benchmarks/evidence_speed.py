@@ -1,6 +1,8 @@
 """How long evidence takes: refinements of a ball by every method, samples beside numpy.interp, the whole ledger.
 
 python tests/benchmarks/evidence_speed.py [rows]
+
+The samples are of an oscillator with so many rows, 10^7 unless told otherwise.
 """
 
 from __future__ import annotations
@@ -9,11 +11,13 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 import xdynamics as xd
 
+MODELS = Path(__file__).parents[2] / "data" / "models"
 ROWS, TIMES = 10_000_000, 1_000_000
 
 
@@ -27,7 +31,7 @@ def seconds(work: Callable[[], object]) -> float:
 def main(rows: int) -> None:
     """Print seconds, and ratios to numpy in the same run."""
     warnings.simplefilter("ignore")
-    ball = xd.Model.from_toml("data/models/ball_drag.toml")
+    ball = xd.Model.from_toml(MODELS / "ball_drag.toml")
     free = xd.Model(
         name="ball",
         coordinates={"y": "m"},
@@ -51,7 +55,7 @@ def main(rows: int) -> None:
                 print(f"refine {model.name!r}: {len(methods)} methods x {len(steps)} levels in {spent:.2f} s")
     xd.validate()
     print(f"validate: {xd.validate().sizes['case']} cases in {seconds(xd.validate):.2f} s")
-    oscillator = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
     run = xd.simulate(oscillator, method="velocity_verlet", step=10.0 / rows, until=10.0, force_samples="none")
     t, x, wanted = run["time"].values, run["x"].values, np.random.default_rng(1).uniform(0.0, 10.0, TIMES)
     for name, times in (("random", wanted), ("ascending", np.sort(wanted))):

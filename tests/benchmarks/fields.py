@@ -133,7 +133,7 @@ def best(run: Callable[[], Any], times: int = 3) -> tuple[Any, float]:
 
 
 def reached(rod: Rod, march: Callable[[float], tuple[Floats, int]], wanted: float) -> tuple[float, float, float, int]:
-    """Return tolerance, error, seconds and steps (of others evaluations) of the loosest march below an error."""
+    """Return tolerance, error, seconds and steps, of the others evaluations, of the loosest march below an error."""
     for tolerance in TOLERANCES:
         if rod.error(march(tolerance)[0]) <= wanted:
             break

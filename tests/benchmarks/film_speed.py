@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import time
 import warnings
+from pathlib import Path
 
 import xdynamics as xd
-from cases.problems import MODELS
 
+MODELS = Path(__file__).parents[2] / "data" / "models"
 FRAMES = 100
 FILMS = {"moving_table": "1 s", "double_pendulum": "2 s", "balls_in_box": "4 s"}
 

@@ -93,9 +93,14 @@ def measured(name: str, method: str) -> dict[str, Any]:
     return json.loads(done.stdout.splitlines()[-1]) | {"warnings": done.stderr.strip()}
 
 
+def kept_laws() -> list[Path]:
+    """Return the files of laws in the folder."""
+    return [path for kind in ("law", "form") for path in cache.folder().glob(f"{kind}-*.o")]
+
+
 def remove_laws() -> None:
-    """Remove every law that is kept in the folder; the engine stays."""
-    for path in cache.folder().glob("law-*.o"):
+    """Remove every law that is kept in the folder, by its text or by its form; the engine stays."""
+    for path in kept_laws():
         path.unlink()
 
 
@@ -106,7 +111,7 @@ def rows() -> list[str]:
         remove_laws()
         new, kept = measured(name, method), measured(name, method)
         first, again = (one["seconds"][0] - one["seconds"][1] for one in (new, kept))
-        size = sum(path.stat().st_size for path in cache.folder().glob("law-*.o"))
+        size = sum(path.stat().st_size for path in kept_laws())
         second = min(new["seconds"][1], kept["seconds"][1])
         lines.append(
             f"  {name:20} {new['method']:20} {first:10.3f} s {again:7.3f} s {1e3 * second:8.1f} ms {size / 1024:4.0f} KiB"

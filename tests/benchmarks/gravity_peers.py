@@ -2,6 +2,7 @@
 
 python tests/benchmarks/gravity_peers.py [steps | planets]
 
+Both are to be installed.
 Steps: nanoseconds for every two of N bodies in one evaluation of our forces, and in a step of the same leapfrog, both
 without energies.
 Planets: the outer solar system over 100 years, and twenty bodies. Every code marches with a ladder of tolerances or

@@ -2,8 +2,8 @@
 
 Two families of 8,192 members, t to 50: Duffing oscillators over their cubic stiffness, damped pendulums over their start.
 Each competitor has the tolerance at which its root-mean-square error at the end, against a run of tolerance 1e-13, is
-about 1e-9 (heyoka's order goes in steps: on pendulums it is 3e-10). One thread each; best of five, interleaved; times in
-microseconds a run, and over ours.
+about 1e-9 (heyoka's order goes in steps: on pendulums it is 3e-10). One thread each but where a name says two; best of
+five, interleaved; times in microseconds a run, and over ours.
 
 python tests/benchmarks/lanes_speed.py [members]
 """

@@ -59,10 +59,9 @@ def measured(n: int, method: str) -> dict[str, Any]:
 
 def in_a_process(n: int, method: str) -> dict[str, Any]:
     """Measure in a process of its own, which finds no law."""
-    from xdynamics.kernels import cache
+    from first_run import remove_laws
 
-    for path in (*cache.folder().glob("law-*.o"), *cache.folder().glob("form-*.o")):
-        path.unlink()
+    remove_laws()
     words = [sys.executable, str(Path(__file__).resolve()), "--as-row", str(n), method]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))

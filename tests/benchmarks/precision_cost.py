@@ -2,9 +2,9 @@
 
     python tests/benchmarks/precision_cost.py
 
-The time of a step is the difference of two runs, of which one is twice as long, over its steps: what a run costs whatever
-its length is, and what it costs to record a row as far as that is in blocks, counts for the whole run alone. Both
-precisions make the same steps, in one process. Of several runs the fastest counts. Compiling is timed without the cache.
+The time of a step is the difference of two runs, one twice as long as the other, over the steps that it has more: what a
+run costs whatever its length counts for the whole run alone. Both precisions make the same steps, in one process. Of
+several runs the fastest counts. Compiling is timed without the cache.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ python tests/benchmarks/shaped_growth.py
 Chains of springs and bodies that all attract each other. Building is reading, writing down and compiling a law that no
 cache holds, without the march; a step is the longer of two runs less the shorter, for each coordinate. Then a record of 300
 coordinates and 1,000 rows with all columns is saved, opened and verified. Times are of the processor, the least of some
-rounds but for building, which is done once a process: each row is one of its own. Last, the largest memory of a process
+rounds but for building, which is done once a process: each row is one of its own. Compiled code is kept in a new folder; or
+in $XDYNAMICS_CACHE, which is to be a private one, as the laws in it are removed. Last, the largest memory of a process
 that reads and marches a million sites, or cells of a rod, for a few steps, over that before, beside what the record and
 its log hold: by logs, then by methods, and what a march is told to take.
 """
@@ -104,10 +105,9 @@ def measured(kind: str, n: int) -> dict[str, float]:
 
 def in_a_process(kind: str, n: int) -> dict[str, float]:
     """Measure in a process of its own, which finds no law."""
-    from xdynamics.kernels import cache
+    from first_run import remove_laws
 
-    for path in (*cache.folder().glob("law-*.o"), *cache.folder().glob("form-*.o")):
-        path.unlink()
+    remove_laws()
     words = [sys.executable, str(Path(__file__).resolve()), "--as-row", kind, str(n)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))

@@ -4,7 +4,7 @@ python tests/benchmarks/shaped_verbs.py [chain|bodies [N ...]] [--verb NAME]...
 
 Chains of springs, and bodies that all attract each other, marched for eleven rows with all columns. Each size is a process of
 its own, in which every verb was called once on three elements before, so that what is loaded once is not counted; laws that
-no cache holds are. A verb that takes longer than a minute is stopped, and larger sizes of it are left out.
+no cache holds are. A verb that takes longer than a minute is stopped.
 """
 
 from __future__ import annotations

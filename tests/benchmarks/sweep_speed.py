@@ -1,6 +1,6 @@
-"""What a sweep's members cost, over a sweep of plain ends: CPU time, best of some, interleaved.
+"""What members of a sweep cost, over those of which the end alone is kept: CPU time, best of some, interleaved.
 
-Where something is kept of them, drives have many points, there are events or contacts, or equations are solved.
+The others keep extremes or states at times, have drives of many points, events or contacts, or solve equations.
 
 python tests/benchmarks/sweep_speed.py [members]
 """

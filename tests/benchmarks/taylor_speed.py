@@ -2,13 +2,14 @@
 
 python tests/benchmarks/taylor_speed.py [--quick] [--only compiling | bodies | kepler_06 | arenstorf | …]
 
-Ours keeps every state and its uncertainty: `loop` is the march into a log that is there, the next line the march from a
-posed run, its blocks made as it goes, `Dataset` the whole of `simulate`. heyoka keeps the last state alone, or each step's polynomial (`c_output`), or states at as many
-times as it made steps (`propagate_grid`). Both in double precision, one thread, the least of many repeats, over
-tolerances of 1e-4 to 3e-15, interpolated in the logarithms of the error; a reference is heyoka's in 80 bits at 1e-19.
-Compiling is of a problem that neither has seen: from its statement to the first step, for heyoka in compact mode and
-not; several chains of springs show how that grows with the number of masses. Bodies are planets about a star, 6 to 60,
-whose pairs all attract each other; ours keeps all states there too.
+heyoka is to be installed. Ours keeps every state and its uncertainty: `loop` is the march into a log that is there,
+the next line the march from a posed run, its blocks made as it goes, `Dataset` the whole of `simulate`. heyoka keeps
+the last state alone, or each step's polynomial (`c_output`), or states at as many times as it made steps
+(`propagate_grid`). Both in double precision, one thread, the least of many repeats, over tolerances of 1e-4 to 3e-15,
+interpolated in the logarithms of the error; a reference is heyoka's in 80 bits at 1e-19. Compiling is of a problem
+that neither has seen: from its statement to the first step, for heyoka in compact mode and not; several chains of
+springs show how that grows with the number of masses. Bodies are planets about a star, 6 to 60, whose pairs all
+attract each other; ours keeps all states there too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""CPU of a sweep of a million members into a Zarr store, over that of the same sweep in memory: python tests/benchmarks/zarr_cost.py [MEMBERS]."""
+"""CPU time of a sweep of a million members into a Zarr store, over that of the same sweep in memory.
+
+python tests/benchmarks/zarr_cost.py [members]
+"""
 
 from __future__ import annotations
 
