@@ -488,6 +488,8 @@ def test_wrong_questions() -> None:
         xd.InputError, match=r"method 'rk5' is not known; did you mean 'dormand_prince'\? there are forward_euler"
     ):
         xd.validate(["rk4", "rk5"])
+    with pytest.raises(xd.InputError, match=r"method 'rk5' is not known; did you mean 'dormand_prince'\?"):
+        xd.validate(model=xd.Model.from_text(OWN.replace('method = "velocity_verlet"', 'method = "rk5"')))
     with pytest.raises(xd.InputError, match="has no closed form, and no contacts; write one as .validation"):
         xd.validate(model=xd.Model.from_toml(MODELS / "kepler.toml"))
     with pytest.raises(xd.InputError, match="has no method in its .run.; give methods"):

@@ -121,7 +121,12 @@ def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
     if impacts is not None and (isinstance(impacts, bool) or not isinstance(impacts, int) or impacts < 0):
         raise InputError(f"impacts is {impacts!r}, needs a non-negative whole number")
     names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)
-    for name in names or ():
+    return None if names is None else _known(names)
+
+
+def _known(names: list[str]) -> list[str]:
+    """Return names of methods, all of which there are."""
+    for name in names:
         if name not in METHODS:
             raise InputError(f"{unknown_method(name, METHODS)}there are {', '.join(METHODS)}")
     return names
@@ -142,14 +147,14 @@ def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None, 
     Raises
     ------
     InputError
-        If it has neither a closed form nor contacts, or no method.
+        If it has neither a closed form nor contacts, or no method that is known.
     """
     if not (model.validation or model.contacts or proven):
         raise InputError(
             f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
             " expression, bound, or compare it with proven bounds: proven=True (--proven)"
         )
-    chosen = methods or [str(model.run["method"])] if "method" in model.run or methods else []
+    chosen = methods or (_known([str(model.run["method"])]) if "method" in model.run else [])
     if not chosen:
         raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
     return [Case(model, method, impacts=impacts, proven=proven) for method in chosen]
