@@ -328,7 +328,7 @@ def test_past_is_made_again_to_the_bit(text: str, method: str) -> None:
 
     model = xd.Model.from_text(text)
     march = March(model, settings_for(model, method=method, step="0.01 s", until="1.1 s"))
-    run = record.dataset(march, march.blocks())
+    run = record.dataset(march)
     kept = march.run.past_steps[: int(march.run.book[0].pieces * march.run.book[0].width)]
     again = Inside.of(run, None, "reintegrate", model)._past.pieces
     assert kept.size > 100

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -416,6 +417,19 @@ def test_keyboard_interrupt_is_an_outcome() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_blocks_closed_by_another_thread_leave_the_keyboard_to_the_first() -> None:
+    """Assert that blocks that were left unread do not end in an error where a thread collects them as garbage."""
+    model, before = free().model, signal.getsignal(signal.SIGINT)
+    try:
+        blocks = March(model, settings_for(model, method="midpoint", step=0.1, until=3.0)).blocks(4)
+        next(blocks)
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(blocks.close).result()
+        assert signal.getsignal(signal.SIGINT) is not before
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_ctrl_c_while_the_engine_is_made_ends_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Assert that numba is not waited for: nothing is written, the keyboard is as before, and the next run is whole."""
 
@@ -440,7 +454,7 @@ def test_interrupted_at_once_there_is_the_initial_row() -> None:
     """Assert that a run that is interrupted before its first step is still a record, of its initial state."""
     march = March(free().model, settings_for(free().model, method="midpoint", step=1e-6, until=3.0))
     march.interrupted = True
-    run = record.dataset(march, march.blocks(1000))
+    run = record.dataset(march)
     assert (run.attrs["run_outcome"], run.time.values[0]) == ("interrupted", 0.0)
     assert 0 < run.sizes["step"] < 10_000  # of 3,000,000
 

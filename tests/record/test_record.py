@@ -11,7 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS, free, oscillator
-from xdynamics.march import March
+from xdynamics.march import LogBlock, March
 from xdynamics.march.configuration import settings_for
 from xdynamics.record import check_kind, dataset
 from xdynamics.schema import REQUIRED_ATTRIBUTES, ROW_KINDS
@@ -174,13 +174,15 @@ def test_same_model_same_digest() -> None:
     assert digests[0] == digests[1] != digests[2]
 
 
-def test_a_run_in_one_block_is_not_copied() -> None:
+def test_a_run_in_one_block_is_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the record of a run in memory stands where the march wrote it."""
     model = oscillator().model
     march = March(model, settings_for(model, step=0.1, until=1.0))
-    blocks = list(march.blocks())
+    blocks: list[LogBlock] = []
+    monkeypatch.setattr(march.witnesses, "take", lambda block, _rows: blocks.append(block))
+    run = dataset(march)
     assert len(blocks) == 1
-    assert np.shares_memory(dataset(march, blocks).x.values, blocks[0].log.rows)
+    assert np.shares_memory(run.x.values, blocks[0].log.rows)
 
 
 @pytest.mark.parametrize("made", [rocket, lambda: xd.simulate(oscillator().model, step=0.1, until=1.0)])

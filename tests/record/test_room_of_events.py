@@ -1,6 +1,7 @@
 """Rows of events, and of steps that are chosen, come to more than there is memory for."""
 
 import re
+import signal
 
 import numpy as np
 import pytest
@@ -43,9 +44,11 @@ def test_a_march_of_too_many_chosen_steps_says_so_without_events():
     """Assert that rows of chosen steps are judged as they come, too."""
     model = passing().replace(events={})
     asked = {"method": "dop853", "rtol": 1e-6, "step": None, "max_step": "1 us", "until": "20 ms"}
+    before = signal.getsignal(signal.SIGINT)
     with pytest.raises(xd.InputError, match=r"larger tolerances or an earlier end$") as caught:
         xd.simulate(model, memory="5 MB", **asked)
     assert "of events" not in str(caught.value)
+    assert signal.getsignal(signal.SIGINT) is before  # while the error, and so the march, is still kept
 
 
 def test_memory_that_is_left_is_asked_for_while_rows_come(monkeypatch):

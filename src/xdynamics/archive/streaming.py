@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from itertools import chain
 from math import prod
 from typing import Any
@@ -90,8 +91,8 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
         if len(segments):
             segments.go_on(writer)
     pending: list[Future[None]] = []
-    with ThreadPoolExecutor(1) as pool:
-        for block in march.blocks(_rows(march), segments.patience):
+    with ThreadPoolExecutor(1) as pool, closing(march.blocks(_rows(march), segments.patience)) as blocks:
+        for block in blocks:
             if not writer.filled:
                 sizes = _sizes(block) if march.is_over and not march.waits else {}
                 _define(writer, spec, march, sizes)

@@ -48,7 +48,7 @@ def record_of(
     """
     if path is not None:
         return archive.open_run(archive.stream(march, path, before=before, resume=resume), check=False)
-    return archive.marched(record.dataset(march, march.blocks(), before, memory))
+    return archive.marched(record.dataset(march, before, memory))
 
 
 def march(model: Model, path: Place | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -209,7 +210,7 @@ def inner_states(run: xr.Dataset) -> Inner | None:
     kept = _KNOWN.get(id(run))
     if kept is None or kept[0]() is not run:
         key = id(run)
-        kept = _KNOWN[key] = weakref.ref(run, lambda _: _KNOWN.pop(key, None)), _inner_points(run)
+        kept = _KNOWN[key] = weakref.ref(run, partial(_KNOWN.pop, key)), _inner_points(run)
     return kept[1]
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from math import inf, isfinite
 from operator import itemgetter
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -17,12 +14,12 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
-from xdynamics.kernels.engine_part import is_being_made
 from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
 from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.keyboard import ending_at_interrupt
 from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, log_of, misplaced_events, most_recycled
 from xdynamics.march.memory import LARGE, arrays_of, give_back, march_apart, numbers_at_end, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
@@ -140,8 +137,8 @@ class March:
         steps = (plan.end - plan.start) / plan.step_size if plan.step_size else len(self.run.steps)
         return int(steps) + inner + 4
 
-    def blocks(self, rows: int | None = None, patience: float = inf) -> Iterator[LogBlock]:
-        """March to the end and yield one block after the other.
+    def blocks(self, rows: int | None = None, patience: float = inf) -> Generator[LogBlock]:
+        """March to the end and yield one block after the other; who stops before closes them, for Ctrl-C is theirs.
 
         Parameters
         ----------
@@ -159,7 +156,7 @@ class March:
             logs = 1 if rows == 1 and not thinning else 2  # a row of a million numbers is copied before the next
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
-        with self._watching_keyboard(), self._memory():
+        with ending_at_interrupt(self._end_here), self._memory():
             while not self.is_over or not self.now.rows:  # even if interrupted at once, yield the initial row
                 if rows is None or len(kept) < logs:
                     log = self._log(size)
@@ -358,24 +355,8 @@ class March:
                 f"the Python forces {names} cannot be compiled by numba: {str(error).strip().splitlines()[-1]}"
             ) from None
 
-    @contextmanager
-    def _watching_keyboard(self) -> Iterator[None]:
-        """Let the first Ctrl-C end the run as an outcome; a second one raises, and one while the engine is being made."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def interrupt(_number: int, _frame: FrameType | None) -> None:
-            signal.signal(signal.SIGINT, previous)
-            if is_being_made():  # by numba for a minute or longer, of which nothing is lost
-                raise KeyboardInterrupt
-            self.interrupted = True
-
-        previous = signal.signal(signal.SIGINT, interrupt)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, previous)
+    def _end_here(self) -> None:
+        self.interrupted = True
 
 
 # numpy takes microseconds to read one field of a record by name: all fields as one tuple cost less

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 from numpy.typing import NDArray
@@ -36,11 +37,12 @@ def march_watched(
         run = march.run
         run.plan[0], run.p[:], run.atol[:] = plan, parameters, atols
         run.y[: start.size] = start
-        for block in march.blocks(ROWS):
-            if block.rows:
-                part.lasts[k] = block.log.rows[:, block.rows - 1]
-            part.logs.append(copied(block.log, block.rows if logs else 0, block.events))
-            part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
+        with closing(march.blocks(ROWS)) as blocks:
+            for block in blocks:
+                if block.rows:
+                    part.lasts[k] = block.log.rows[:, block.rows - 1]
+                part.logs.append(copied(block.log, block.rows if logs else 0, block.events))
+                part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
         part.ends[k], part.largest[k] = run.now[0], run.largest[: part.largest.shape[1]]
         part.passed[k] = run.w[run.w.size - part.passed.shape[1] :]
     return part

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from itertools import chain
 from mmap import mmap
@@ -41,7 +42,6 @@ KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known bef
 
 def dataset(
     march: March,
-    blocks: Iterable[LogBlock],
     before: Iterable[tuple[str, Array]] = (),
     memory: str | float | None = None,
 ) -> xr.Dataset:
@@ -50,8 +50,6 @@ def dataset(
     Parameters
     ----------
     march : March
-    blocks : iterable of LogBlock
-        Blocks whose memory is not reused, as `March.blocks` yields them without a size.
     before : iterable of (str, ndarray)
         Rows that precede those of the march, taken before its first block is requested.
     memory : str or float, optional
@@ -65,7 +63,7 @@ def dataset(
     spec = columns(march)
     before = [*before]
     march.witnesses.elsewhere = not before and _has_states(march, spec)
-    gathered = _gathered(march, spec, blocks, before, memory)
+    gathered = _gathered(march, spec, before, memory)
     tolerances = followed_tolerances(march)
     filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
     if march.witnesses.elsewhere:
@@ -207,7 +205,6 @@ def check_kind(run: Any) -> None:
 def _gathered(
     march: March,
     spec: Sequence[Column],
-    blocks: Iterable[LogBlock],
     before: Iterable[tuple[str, Array]],
     memory: str | float | None,
 ) -> dict[str, GatheredColumn]:
@@ -220,11 +217,14 @@ def _gathered(
     }
     for name, values in before:
         gathered[name].add(values, is_lent=False)
-    for block in chain(blocks, _rest(march)):
-        parts = gathered.values()
-        check_growth(march, sum(part.taken for part in parts), sum(part.growth(block.rows) for part in parts), memory)
-        for column in spec:
-            gathered[column.variable.name].add(column.take(block), is_lent=is_lent)
+    with closing(march.blocks()) as blocks:
+        for block in chain(blocks, _rest(march)):
+            parts = gathered.values()
+            check_growth(
+                march, sum(part.taken for part in parts), sum(part.growth(block.rows) for part in parts), memory
+            )
+            for column in spec:
+                gathered[column.variable.name].add(column.take(block), is_lent=is_lent)
     return gathered
 
 

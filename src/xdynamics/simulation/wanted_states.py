@@ -65,7 +65,7 @@ def sampled_march(model: Model, settings: Settings, wanted: Floats, progress: Pr
     """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
     around_alone = None if model.delays else wanted  # delayed values are of all rows
     march = March(model, replace(settings, keep_every=1, log=STATES), progress, around_alone)
-    around = record.dataset(march, march.blocks())
+    around = record.dataset(march)
     warn_of_accuracy(march)
     states = states_at(around, wanted, model)
     if model.delays:

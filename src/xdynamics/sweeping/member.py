@@ -100,7 +100,7 @@ def _same(value: Any, other: Any) -> bool:
 def _recorded(grid: SweepGrid, at: At) -> xr.Dataset:
     """March a member again, recording what the sweep recorded."""
     single = March(grid.model_of(at), grid.recorded_settings_of(at))
-    return archive.marched(record.dataset(single, single.blocks()))
+    return archive.marched(record.dataset(single))
 
 
 def folder_of(sweep: xr.Dataset) -> Place | None:

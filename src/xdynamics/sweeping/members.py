@@ -306,7 +306,7 @@ def _check(grid: SweepGrid, at: Values, kept: Mapping[str, Any]) -> None:
     march = march_of(grid.unrecorded, at)
     if march is None:
         return
-    run = record.dataset(march, march.blocks())
+    run = record.dataset(march)
     alone = {
         DIGEST: digest_of_end(run, [block.name for block in march.layout.used.blocks]),
         OUTCOME: run.attrs[OUTCOME],

@@ -129,7 +129,7 @@ def marched(model: xd.Model, asked: dict[str, Any], *, boxed: bool) -> tuple[Any
     march = March(model, settings_for(model, **asked))
     if not boxed:
         march.run.put(leaves=np.zeros((0, 3), np.int64))
-    return dataset(march, march.blocks()), march
+    return dataset(march), march
 
 
 @pytest.mark.cases(200)
