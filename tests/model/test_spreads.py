@@ -63,6 +63,21 @@ def model(**replaced: str) -> xd.Model:
     return xd.Model.from_text(text)
 
 
+PARSEC = 3.0856775814913673e16  # m; IAU 2015, resolution B2, note 4
+
+
+def with_parameter(entry: dict[str, Any]) -> xd.Model:
+    """Return a model of two sites with a parameter p that nothing reads."""
+    return xd.Model(
+        name="scales",
+        dimensions={"site": 2},
+        coordinates={"x": {"unit": "m", "dims": ["site"]}},
+        parameters={"m": "1 kg", "p": entry},
+        mass={"x": "m"},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )
+
+
 def test_standard_uncertainties_follow_from_bounds() -> None:
     """Assert JCGM 101:2008, 6.4: half widths over the square roots of 3, 6 and 2; correlations, discrepancies, tables."""
     found = {name: value.uncertainty for name, value in model().uncertain.items()}
@@ -262,3 +277,32 @@ def test_wrong_uncertainties_of_elements_are_refused(old: str, new: str, said: s
     assert old in TRIANGLE
     with pytest.raises(xd.ModelError, match=said):
         xd.Model.from_text(TRIANGLE.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("entry", "values", "sizes"),
+    [
+        ({"value": [1.0, 2], "unit": "pc", "uncertainty": [0.5, 1]}, (PARSEC, 2 * PARSEC), (PARSEC / 2, PARSEC)),
+        ({"value": [1.0, 2], "unit": "kpc", "uncertainty": 1}, (1e3 * PARSEC, 2e3 * PARSEC), (1e3 * PARSEC,) * 2),
+        ({"value": ["1 pc", 2.0], "unit": "pc", "half_width": ["1 pc", "1 m"]}, (PARSEC, 2 * PARSEC), (PARSEC, 1.0)),
+        ({"values": {0: 1.0, 1: 2.0}, "unit": "pc", "uncertainty": "1 m"}, (PARSEC, 2 * PARSEC), (1.0, 1.0)),
+        ({"value": [20.0, 21], "unit": "°C", "uncertainty": ["0.5 °C", 1]}, (293.15, 294.15), (0.5, 1.0)),
+        ({"value": ["20 °C", "21 °C"], "uncertainty": ["0.5 °C", "1 K"]}, (293.15, 294.15), (0.5, 1.0)),
+    ],
+)
+def test_elements_are_given_on_scales(
+    entry: dict[str, Any], values: tuple[float, ...], sizes: tuple[float, ...]
+) -> None:
+    """Assert that a list may be in what one value may be in, its bare uncertainties too, of which an offset is no part."""
+    model = with_parameter({"dims": ["site"], **entry})
+    parts = [part for name, part in model.parameters.items() if name.startswith("p")]
+    assert tuple(part.quantity.si for part in parts) == values
+    assert tuple(part.spread.size.si for part in parts if part.spread) == sizes
+    assert xd.Model.from_text(model.to_toml()) == model
+
+
+def test_a_bare_uncertainty_is_on_the_scale_of_its_value() -> None:
+    """Assert that a tenth beside one parsec is a tenth of it, and no tenth of a metre."""
+    part = with_parameter({"value": 1.0, "unit": "pc", "uncertainty": 0.5}).parameters["p"]
+    assert part.spread is not None
+    assert (part.quantity.si, part.spread.size.si) == (PARSEC, PARSEC / 2)

@@ -34,7 +34,7 @@ from xdynamics.model.table_keys import keys
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, parted, spread_of
 from xdynamics.model.value_forms import is_expression
 from xdynamics.shapes import Shapes
-from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity
+from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity, parse_scale
 
 COULOMB = "coulomb"
 _OF_COULOMB = ("slip", "friction", "static")
@@ -72,7 +72,7 @@ def parameter(value: Any, unit: str | None = None, description: str = "", **spre
         raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")
     if unit is not None:
         quantity = parse_quantity(f"{quantity.value!r} {unit}")
-    return Parameter(quantity, spread_of(spread, quantity), description)
+    return Parameter(quantity, spread_of(spread, quantity, None if unit is None else parse_scale(unit)), description)
 
 
 def written_parameter(part: Parameter) -> str | dict[str, Any]:

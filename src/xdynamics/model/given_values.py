@@ -18,7 +18,19 @@ from xdynamics.model.table_values import from_table
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
 from xdynamics.model.value_forms import is_expression, is_meant
 from xdynamics.shapes import Shapes, prepared
-from xdynamics.units import CALENDAR, CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
+from xdynamics.units import (
+    CALENDAR,
+    CONSTANTS,
+    NONE,
+    Quantity,
+    Scale,
+    Unit,
+    constant,
+    parse_quantity,
+    parse_scale,
+    parse_unit,
+    spell,
+)
 
 
 @dataclass(frozen=True)
@@ -91,17 +103,17 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
     if "values" in entry:
         if not (dims and isinstance(entry["values"], Mapping)):
             raise InputError('values is a table by label, of a quantity with dimensions: { Sun = "1 kg" }')
-        numbers, unit = _by_label(entry["values"], _unit(entry), dims, shapes)
+        numbers, scale = _by_label(entry["values"], _scale(entry), dims, shapes)
     elif "table" in entry or "csv" in entry:
         numbers, unit, sizes = from_table(entry, name, dims, source)
         doubts = {"uncertainty": nested([f"{size!r} {unit.text}" for size in sizes], shape)} if sizes else {}
-        entry = {**entry, **doubts}
+        entry, scale = {**entry, **doubts}, Scale(unit)
     else:
-        numbers, unit = _listed(entry["value"], _unit(entry), shape, dims)
+        numbers, scale = _listed(entry["value"], _scale(entry), shape, dims)
     if wrong := [number for number in numbers if not isfinite(number)]:
         raise InputError(f"has the value {wrong[0]}, and needs finite numbers")
     about = str(entry.get("description", "")).strip()
-    return Values(dims, unit, numbers, _spreads(entry, unit, shape, dims), description=about)
+    return Values(dims, scale.unit, numbers, _spreads(entry, scale, shape, dims), description=about)
 
 
 def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shapes, *, at_start: bool) -> Values:
@@ -109,8 +121,11 @@ def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shap
     if at_start and (extra := [key for key in (*SIZES, "unit") if key in entry]):
         raise InputError(f"has {extra[0]} beside an expression; give them to the parameters that it reads")
     tree = prepared(parse(entry["value"]), shapes)
-    values = Values(dims, _unit(entry), tree=tree, description=str(entry.get("description", "")).strip())
-    return values if at_start else replace(values, spreads=_spreads(entry, unit_of(values), shapes.shape(dims), dims))
+    unit = parse_unit(entry["unit"]) if "unit" in entry else None
+    values = Values(dims, unit, tree=tree, description=str(entry.get("description", "")).strip())
+    if at_start:
+        return values
+    return replace(values, spreads=_spreads(entry, Scale(unit_of(values)), shapes.shape(dims), dims))
 
 
 def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
@@ -135,13 +150,13 @@ def dims_key(value: Any, _: str, source: Source) -> tuple[str, ...]:
     return _dims(value, source.shapes)
 
 
-def _unit(entry: Mapping[str, Any]) -> Unit | None:
-    return parse_unit(entry["unit"]) if "unit" in entry else None
+def _scale(entry: Mapping[str, Any]) -> Scale | None:
+    return parse_scale(entry["unit"]) if "unit" in entry else None
 
 
 def _listed(
-    value: Any, unit: Unit | None, shape: tuple[int, ...], dims: tuple[str, ...], what: str = "value"
-) -> tuple[tuple[float, ...], Unit]:
+    value: Any, scale: Scale | None, shape: tuple[int, ...], dims: tuple[str, ...], what: str = "value"
+) -> tuple[tuple[float, ...], Scale]:
     """Read nested lists of numbers or quantities, or one quantity, which is that of all elements."""
     if isinstance(value, list | tuple) and not dims:
         raise InputError(f'{what} is a list of {len(value)}, needs the dimensions that it is along: dims = ["…"]')
@@ -156,7 +171,7 @@ def _listed(
         flat = list(joined.from_iterable(flat))
     if any(isinstance(entry, list | tuple) for entry in flat):
         raise InputError(f"{what} has more dimensions than {', '.join(dims) or 'none'}")
-    return _in_one_unit(flat, unit)
+    return _in_one_unit(flat, scale, difference=what in SIZES)
 
 
 def _turned(value: Any, shape: tuple[int, ...]) -> str:
@@ -169,56 +184,65 @@ def _turned(value: Any, shape: tuple[int, ...]) -> str:
     return "; lists are nested in the order of dims: turn them" if turned else ""
 
 
-def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, ...], Unit]:
-    """Return numbers in the unit that is given, else in that of the first."""
+def _in_one_unit(
+    flat: Sequence[Any], scale: Scale | None, *, difference: bool = False
+) -> tuple[tuple[float, ...], Scale]:
+    """Return numbers in the unit of the scale that is given, else in that of the first; differences know no offset."""
+    given = scale if scale is not None and scale != Scale(scale.unit) else None  # on which bare numbers are
+    convert = None if given is None else given.difference if difference else given.value
     numbers: list[float] = []
     for entry in flat:
         if type(entry) is float and isfinite(entry):  # of a long list each is one
-            numbers.append(entry)
+            numbers.append(entry if convert is None else convert(entry))
             continue
         entry = entry.item() if hasattr(entry, "item") else entry  # noqa: PLW2901 - a number of numpy
         if isinstance(entry, bool) or not isinstance(entry, str | int | float):
             raise InputError(f"value has {brief(entry)}, needs numbers, or numbers with a unit")
         try:
-            quantity = parse_quantity(entry)
+            quantity = parse_quantity(entry, difference=difference)
         except InputError as fault:
             where = f"element {len(numbers)}, counted from 0: " if len(flat) > 1 else ""
             raise InputError(f"{where}{fault}") from None
         if not isinstance(entry, str):
-            numbers.append(entry if isinstance(entry, float) else float(entry))  # which may know more digits
+            number = entry if isinstance(entry, float) else float(entry)  # which may know more digits
+            numbers.append(number if convert is None else convert(number))
             continue
-        unit = quantity.unit if unit is None else unit
+        scale = Scale(quantity.unit) if scale is None else scale
+        unit = scale.unit
         if quantity.unit.dimension != unit.dimension:
             raise InputError(f"has '{entry}' beside values in '{unit.text}'; elements of one quantity need one unit")
         same = quantity.unit.text == unit.text
         numbers.append(quantity.value if same else float(quantity.unit.factor / unit.factor) * quantity.value)
-    return tuple(numbers), parse_unit("1") if unit is None else unit
+    return tuple(numbers), Scale(parse_unit("1")) if scale is None else scale
 
 
-def _by_label(given: Any, unit: Unit | None, dims: tuple[str, ...], shapes: Shapes) -> tuple[tuple[float, ...], Unit]:
+def _by_label(
+    given: Any, scale: Scale | None, dims: tuple[str, ...], shapes: Shapes
+) -> tuple[tuple[float, ...], Scale]:
     """Read a table by label, in which what stands for a label has the further dimensions: a table, a list, or one number."""
     if not dims or not isinstance(given, Mapping):
-        numbers, unit = _listed(given, unit, shapes.shape(dims), dims)
-        return numbers if isinstance(given, list | tuple) else numbers * prod(shapes.shape(dims)), unit
+        numbers, scale = _listed(given, scale, shapes.shape(dims), dims)
+        return numbers if isinstance(given, list | tuple) else numbers * prod(shapes.shape(dims)), scale
+    given = {str(label): numbers for label, numbers in given.items()}  # elements by number have no other names
     extent = shapes.extent(dims[0])
     labels = [extent.label(i) for i in range(extent.size)]
     for label in given:
         if label not in labels:
-            raise InputError(f"values has '{label}', no element of '{extent.name}'{near(str(label), tuple(labels))}")
+            raise InputError(f"values has '{label}', no element of '{extent.name}'{near(label, tuple(labels))}")
     if missing := [label for label in labels if label not in given]:
         raise InputError(f"values lacks {few(missing)}; give one for each element of '{extent.name}'")
     flat: list[float] = []
     for label in labels:
-        numbers, unit = _by_label(given[label], unit, dims[1:], shapes)
+        numbers, scale = _by_label(given[label], scale, dims[1:], shapes)
         flat += numbers
-    return tuple(flat), unit or parse_unit("1")
+    return tuple(flat), scale or Scale(parse_unit("1"))
 
 
 def _spreads(
-    entry: Mapping[str, Any], unit: Unit, shape: tuple[int, ...], dims: tuple[str, ...]
+    entry: Mapping[str, Any], scale: Scale, shape: tuple[int, ...], dims: tuple[str, ...]
 ) -> tuple[Spread | None, ...]:
     """Read uncertainties: one for all elements, or a list like that of the values."""
-    value = Quantity(0.0, unit)  # whose unit alone counts
+    value = Quantity(0.0, scale.unit)  # whose unit alone counts
     listed = [key for key in SIZES if isinstance(entry.get(key), list | tuple)]
     if wrong := [key for key in SIZES if is_expression(entry.get(key)) or is_meant(entry.get(key))]:
         raise InputError(
@@ -226,11 +250,11 @@ def _spreads(
             " with one for each"
         )
     if not listed:
-        spread = spread_of(entry, value)
+        spread = spread_of(entry, value, scale)
         return () if spread is None else (spread,)
     key = listed[0]
-    sizes, of = _listed(entry[key], unit, shape, dims, key)
-    return tuple(spread_of({**entry, key: f"{size!r} {of.text}"}, value) for size in sizes)
+    sizes, of = _listed(entry[key], scale, shape, dims, key)
+    return tuple(spread_of({**entry, key: f"{size!r} {of.unit.text}"}, value) for size in sizes)
 
 
 def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:

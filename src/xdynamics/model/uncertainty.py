@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.faults import InputError, brief
 from xdynamics.model.table_keys import choice
-from xdynamics.units import Quantity, parse_quantity, unit_text
+from xdynamics.units import Quantity, Scale, parse_quantity, unit_text
 
 NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
 DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
@@ -119,8 +119,8 @@ def parted(text: Any) -> tuple[str, str] | None:
     return value if unit_text(value) else f"{value} {unit_text(size) or 1}", size
 
 
-def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:
-    """Read the spread of an entry, if it has one.
+def spread_of(entry: Mapping[str, Any], value: Quantity, scale: Scale | None = None) -> Spread | None:
+    """Read the spread of an entry, if it has one; a bare size is on the scale of the value, else in its unit.
 
     Raises
     ------
@@ -138,16 +138,17 @@ def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:
     distribution = choice(entry.get("distribution", RECTANGULAR if bounded else NORMAL), "distribution", DISTRIBUTIONS)
     if bounded and distribution not in HALF_WIDTHS:
         raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
-    return Spread(_size(entry[sizes[0]], sizes[0], value), distribution, bounded, _freedom(entry, distribution))
+    size = _size(entry[sizes[0]], sizes[0], value, scale or Scale(value.unit))
+    return Spread(size, distribution, bounded, _freedom(entry, distribution))
 
 
-def _size(written: Any, key: str, value: Quantity) -> Quantity:
+def _size(written: Any, key: str, value: Quantity, scale: Scale) -> Quantity:
     try:
         size = parse_quantity(written, difference=True)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
     if size.unit.text == "1":
-        size = Quantity(size.value, value.unit)
+        size = Quantity(scale.difference(size.value), value.unit)
     if size.value < 0:
         raise InputError(f"{key} {written!r} needs to be non-negative")
     if size.unit.dimension != value.unit.dimension:
