@@ -11,9 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.cli import main
 from xdynamics.cli.streams import Stream, surviving_streams
 
 KEPLER = MODELS / "kepler.toml"
@@ -89,6 +91,33 @@ def test_a_sweep_that_is_terminated_goes_on_later(tmp_path: Path) -> None:
     ]
     assert shell(tmp_path, f"{COMMAND} {line}")[0] == 0
     assert xd.open_sweep(tmp_path / "found").sizes["vt"] == 60000
+
+
+@pytest.mark.parametrize(
+    ("verb", "line", "said"),
+    [
+        ("sweeping.sweep", "sweep {} --axis k=1,2 -o found", "; what is done is kept in 'found', and the same command"),
+        (
+            "evidence.refining.refinement",
+            "refine {} --step 1s --keep found -o r.nc",
+            "; what is done is kept in 'found', and",
+        ),
+        ("evidence.refining.refinement", "refine {} --step 1s -o r.nc", ""),
+    ],
+)
+def test_ctrl_c_is_said_in_one_line(
+    verb: str, line: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert exit code 1 and a line of our own alone: what is kept, where something is."""
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(f"xdynamics.{verb}.{line.split(maxsplit=1)[0]}", interrupted)
+    ended = CliRunner().invoke(main, line.format(MODELS / "harmonic_oscillator.toml").split())
+    assert (ended.exit_code, ended.stdout, len(ended.stderr.splitlines())) == (1, "", 1)
+    assert ended.stderr.startswith(f"xdynamics: interrupted{said}")
 
 
 @pytest.mark.parametrize("verb", ["new model.toml", "sign --new-key key.pem"])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.command import complain, progress
+from xdynamics.cli.command import progress
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,6 +31,11 @@ def clustered(verb: Callable[..., None]) -> Callable[..., None]:
     return verb
 
 
+def goes_on(folder: str) -> str:
+    """Return what an interrupted command says of a folder of results."""
+    return f"what is done is kept in '{folder}', and the same command goes on with it"
+
+
 KEPT = click.option(
     "--keep",
     metavar="FOLDER",
@@ -51,25 +56,16 @@ def made(
     from xdynamics.evidence.cluster import cluster_of
     from xdynamics.evidence.stages import computed
 
-    kept = (
-        f"what is done is kept in '{named['keep']}', and the same command goes on with it" if named.get("keep") else ""
-    )
+    kept = [goes_on(named["keep"])] if named.get("keep") else []
     with cluster_of(scheduler, workers) as client:
         if client is None:
             try:
                 return make(*arguments, **named)
             except KeyboardInterrupt:
-                if kept:
-                    complain(f"interrupted; {kept}")
-                raise
+                raise KeyboardInterrupt(*kept) from None
         stage = make(*arguments, compute=False, **named)
         with progress("{count} tasks done") as tell:
             try:
                 return computed(stage, tell=tell)[0]
             except KeyboardInterrupt:
-                complain(
-                    "; ".join(
-                        ["interrupted; the cluster was told to drop what was asked of it", *([kept] * bool(kept))]
-                    )
-                )
-                raise
+                raise KeyboardInterrupt("the cluster was told to drop what was asked of it", *kept) from None

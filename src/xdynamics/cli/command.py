@@ -62,7 +62,7 @@ def _hush(ctx: click.Context, _option: click.Parameter, quiet: bool) -> None:
 
 
 class _Command(click.Group):
-    """Turns wrong input into one line and exit code 2, damage found into exit code 1, SIGTERM into 143, SIGHUP into 129."""
+    """Turns wrong input into one line and exit code 2, damage found and Ctrl-C into exit code 1, SIGTERM into 143, SIGHUP into 129."""
 
     command_class = _Verb
 
@@ -75,9 +75,10 @@ class _Command(click.Group):
                 code = leaving.exit_code
             except SystemExit as leaving:
                 code = int(leaving.code or DONE)
-            except KeyboardInterrupt:
-                if not signals:
-                    raise
+            except KeyboardInterrupt as stopped:  # which says what is kept, where something is
+                if stopped.args or not signals:
+                    complain("; ".join(["interrupted", *map(str, stopped.args)]))
+                code = BADLY
             if signals:
                 complain("terminated")
                 code = SIGNALLED + signals[0]

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.clustering import clustered
-from xdynamics.cli.command import BADLY, DONE, complain, hand_over, json_option, main, say
+from xdynamics.cli.clustering import clustered, goes_on
+from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.settings import asked, names_in, pairs, settings
 from xdynamics.faults import InputError
@@ -119,8 +119,7 @@ def sweep(
                 **asked(named),
             )
         except KeyboardInterrupt:
-            complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
-            raise
+            raise KeyboardInterrupt(goes_on(output)) from None
     say([*summary(result), f"sweep     {output}"])
     hand_over(result, archive=output)
     sys.exit(DONE if {*map(str, result["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
