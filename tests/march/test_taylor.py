@@ -244,3 +244,38 @@ def test_equations_are_those_of_the_order() -> None:
     assert (method.order, method.estimate_order, method.interpolant.degree) == (17, 17, 17)
     assert method.equations().count("i = 1 ... 17") == 4
     assert method.estimate.count("/18") == 3
+
+
+def test_forces_of_several_dimensions_have_their_series() -> None:
+    """Assert that bodies of two dimensions, whose forces are summed in loops of their own, swing by the exponential."""
+    n, k = (6, 7), 4.0  # N/m, from each of the six to the mean of the seven, and to the origin
+    two = xd.Model.from_text("""
+name = "two groups"
+[dimensions]
+one = 6
+peer = 7
+[coordinates]
+x = { unit = "m", dims = ["one"] }
+y = { unit = "m", dims = ["peer"] }
+[parameters]
+k = "4 N m-1"
+[mass]
+x = "1*kilogram"
+y = "2*kilogram"
+[forces.between]
+x = "-k*(x - mean(y, peer))"
+y = "-k*(y - mean(x, one))"
+[forces.back]
+x = "-k*x"
+[initial]
+x = "0.1*metre*index(one)"
+y = "0.2*metre - 0.1*metre*index(peer)**2"
+""")
+    run = xd.simulate(two, **GIVEN, rtol=1e-12, until=3.0)
+    matrix = np.diag([-2 * k] * n[0] + [-k / 2] * n[1])
+    matrix[: n[0], n[0] :], matrix[n[0] :, : n[0]] = k / n[1], k / 2 / n[0]
+    start = np.concatenate([0.1 * np.arange(6.0), 0.2 - 0.1 * np.arange(7.0) ** 2])
+    values, vectors = np.linalg.eig(matrix)
+    end = vectors @ (np.cos(np.sqrt(-values) * 3.0) * np.linalg.solve(vectors, start))
+    np.testing.assert_allclose(np.concatenate([run.x[-1], run.y[-1]]), end, rtol=0, atol=1e-10)
+    assert run.sizes["step"] < 50

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.expressions import Node, free_names
+from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Expansion, Motion, UnexpandedError, expansion
 from xdynamics.kernels.law_names import LawNames, called
@@ -52,12 +52,15 @@ from xdynamics.shapes import at
 from xdynamics.shapes.blocks import Blocks
 
 
-def forces(layout: Layout) -> Program:
-    """Write M a = F: the results of a force evaluation follow the state that it used."""
+def forces(layout: Layout, *, arrays: bool = False) -> Program:
+    """Write M a = F: the results of a force evaluation follow the state that it used.
+
+    With `arrays`, what loops read of the results of others they read from arrays of the program, not from `z`.
+    """
     about = "Accelerations, rates, force components and drives of a state."
     # what contacts of many links add to accelerations
     last = (EngineCall(len(constant_names(layout.model))),) if layout.model.assemblies else ()
-    if (nests := _in_loops(layout)) is not None:
+    if (nests := _in_loops(layout, arrays=arrays)) is not None:
         return Program("forces", about, (*nests.lines, *last), local=nests.local, tables=nests.tables)
     return replace(elements := forces_by_elements(layout), about=about, body=(*elements.body, *last))
 
@@ -76,30 +79,74 @@ def has_loops(model: Model) -> bool:
     return has_wholes(model) and not written_out
 
 
-def _in_loops(layout: Layout) -> Nests | None:
+def _in_loops(layout: Layout, *, arrays: bool) -> Nests | None:
     """Write the motion of a model with dimensions in loops; None of one whose elements are written out."""
     if not has_loops(layout.model):
         return None
-    names, record, shapes = LawNames(layout, layout.used), layout.record, shapes_of(layout.model)
-    written = {name: Place("z", record.place(shapes.first(name))) for name in layout.model.shaped.drives}
-    results = []
-    for name, dims, tree in motion_of_wholes(layout.model):
-        written[name] = Place("z", record.place(shapes.first(name)))
-        results.append((name, dims, tree, written[name]))
-    nests = Nests(shapes, names, lambda name: written.get(name) or names.first(name))
-    for name in layout.drives:
-        nests.outermost.store(Place("z", record.place(name)), nests.outermost.named(name))
     try:
-        nests.results(results)
+        nests, read = _motion_in_loops(layout, frozenset())
+        return _motion_in_loops(layout, read)[0] if arrays and read else nests
     except UnprintedError:
         return None
-    return nests
+
+
+def _motion_in_loops(layout: Layout, apart: frozenset[str]) -> tuple[Nests, frozenset[str]]:
+    """Write the motion in loops, some results to arrays too; return also those that other loops read."""
+    names, record, shapes = LawNames(layout, layout.used), layout.record, shapes_of(layout.model)
+    drives, motion_of, read = layout.model.shaped.drives, [*motion_of_wholes(layout.model)], set[str]()
+    known = [*drives, *(name for name, *_ in motion_of)]
+    written = {name: Place("z", record.place(shapes.first(name))) for name in known}
+
+    def first(name: str) -> Place:
+        if name in written:
+            read.add(name)
+        return written.get(name) or names.first(name)
+
+    nests, results = Nests(shapes, names, first), []
+    for name, dims, tree in motion_of:
+        results.append((name, dims, tree, written[name]))
+        if name in apart:
+            written[name] = _array(nests, name, dims)
+            results.append((name, dims, tree, written[name]))
+    for name in layout.drives:
+        nests.outermost.store(Place("z", record.place(name)), nests.outermost.named(name))
+    for name in drives:
+        if name in apart:
+            written[name] = _looked_up(nests, name)
+    nests.results(results)
+    return nests, frozenset(read)
+
+
+def _array(nests: Nests, name: str, dims: tuple[str, ...]) -> Place:
+    """Return the first place of a new array of a program, for a quantity with dimensions."""
+    place = Place(f"of_{name}")
+    nests.local[place.array] = math.prod(nests.shapes.shape(dims))
+    return place
+
+
+def _looked_up(nests: Nests, name: str) -> Place:
+    """Look up a drive of each element, before all loops; return where the first is."""
+    dims = nests.shapes.dims[name]
+    place = _array(nests, name, dims)
+    for i, here in enumerate(nests.shapes.places(dims)):
+        value = nests.outermost.named(nests.shapes.element(name, here))
+        nests.outermost.store(replace(place, offset=i), value)
+    return place
 
 
 def _of_states(layout: Layout) -> Nests:
     """Return what writes expressions of everything in a state of the march."""
-    names = LawNames(layout, layout.record)
-    return Nests(shapes_of(layout.model) if has_loops(layout.model) else layout.model.shapes, names, names.first)
+    names, model, places = LawNames(layout, layout.record), layout.model, dict[str, Place]()
+
+    def first(name: str) -> Place:
+        if name not in model.shaped.drives:
+            return names.first(name)
+        if name not in places:
+            places[name] = _looked_up(nests, name)
+        return places[name]
+
+    nests = Nests(shapes_of(model) if has_loops(model) else model.shapes, names, first)
+    return nests
 
 
 def _derived(nests: Nests, layout: Layout, first: int, left_out: Container[str] = ()) -> None:
@@ -125,7 +172,7 @@ def expanded(layout: Layout, degree: int) -> Expansion:
     coordinates, states = layout.coordinates.size, layout.states.size
     motion_of = Motion(coordinates, states)
     with suppress(UnexpandedError):
-        return expansion(forces(layout), motion_of, degree, fused=not layout.is_doubled)
+        return expansion(forces(layout, arrays=True), motion_of, degree, fused=not layout.is_doubled)
     return expansion(forces_by_elements(layout), motion_of, degree, fused=not layout.is_doubled)
 
 
@@ -203,10 +250,7 @@ def event_rates(layout: Layout) -> Program:
 def _of_wholes(name: str, about: str, layout: Layout, quantities: Iterable[Quantity]) -> Program | None:
     """Write quantities to `z`, one after the other, in loops; None where their elements are to be written out."""
     nests, results, count = _of_states(layout), list[Result](), 0
-    tables = {name for name in layout.model.shaped.drives if layout.model.shapes.dims.get(name)}  # one for each element
     for quantity, dims, tree in quantities:
-        if free_names(tree) & tables:
-            return None
         results.append((quantity, dims, tree, Place("z", count)))
         count += math.prod(layout.model.shapes.shape(dims))
     try:
