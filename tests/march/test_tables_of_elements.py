@@ -110,3 +110,11 @@ def test_methods_agree_on_tables_of_elements(method: str) -> None:
     for name, size in (("x", 10.0), ("T", 300.0)):
         np.testing.assert_allclose(run[name][-1], given[name][-1], rtol=0, atol=1e-8 * size)
     assert run.sizes["step"] < 1000
+
+
+def test_columns_in_several_units_are_recorded_in_the_first() -> None:
+    """Assert that samples of a table in mK and K are all in mK, and move the beads as in K."""
+    run = xd.simulate(beads(("mK", "K", "K", "mK", "K", "K")))
+    assert run.sample_bath.attrs["units"] == "mK"
+    np.testing.assert_allclose(run.sample_bath, 1000 * marched().sample_bath, rtol=1e-13)
+    np.testing.assert_allclose(run["T"], marched()["T"], rtol=1e-12)

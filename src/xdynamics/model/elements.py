@@ -183,7 +183,7 @@ class Elements(ElementNumbers):
         table, columns = drive.table, columns_of_drive(name, drive.dims, self.shapes)
         sheet = Sheet.of(table.name, table.text)
         for column, (element, place) in zip(columns, self._placed(name), strict=True):
-            own = Table.of(sheet, table.text, column, table.gaps)
+            own = replace(Table.of(sheet, table.text, column, table.gaps), value_unit=table.value_unit)
             yield element, replace(drive, argument=self._at(drive.argument, place), table=own, dims=())
 
     def _event(self, name: str, event: Event) -> Iterator[tuple[str, Event]]:
