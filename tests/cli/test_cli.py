@@ -412,6 +412,6 @@ def test_refinements_of_quantities_with_dimensions_are_told(tmp_path: Path) -> N
     assert done.exit_code == 0, done.output
     assert re.search(r"^r\[2, y\] at t = 0.1 s = .*, asymptotic$", done.output, re.MULTILINE)
     long = call("refine", MODELS / "granular_box.toml", *how[:2], "--step", "5 ms", "--until", "0.3 s", *how[4:])
-    assert "v_r: 14 further elements are in the record" in long.output
+    assert "r, v_r: 14 further elements of each are in the record" in long.output
     told = re.findall(r"^(.*): \d+ further occurrences are in the record$", long.output, re.MULTILINE)
     assert told == ["event_time_walls", "event_time_discs", "event_time_far_walls"]

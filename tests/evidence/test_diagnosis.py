@@ -12,6 +12,8 @@ import pytest
 import xdynamics as xd
 from cases.contacts import ball
 from cases.problems import MODELS, coupled_springs, oscillator, particle
+from xdynamics.evidence.companion import tighter_of
+from xdynamics.evidence.diagnosing.phases import exact_march
 
 OSCILLATOR = oscillator().model  # cos 2t: m = 1 kg, k = 4 N/m
 
@@ -322,3 +324,47 @@ def test_impacts_are_no_loss_of_belief() -> None:
     """Assert that a bouncing ball is believed to the end, though velocities differ wholly between two times of one impact."""
     model = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
     assert float(xd.diagnose(xd.simulate(model, step=0.01, until=4.0)).believed_until) == 4.0
+
+
+def test_a_run_that_failed_is_judged_to_its_end() -> None:
+    """Assert that the tighter run of one that left the domain of a force ends where it did, nodes beyond left out."""
+    model = xd.Model(
+        name="falling into a root",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": "1 m", "v_x": "-1 m s-1"},
+        forces={"root": {"x": "-sqrt(x/metre)*newton"}},
+    )
+    run = xd.simulate(model, method="rk4", step=0.1, until=9.0, nodes=["0.5 s", "8 s"])
+    assert run.attrs["run_outcome"] == "nonfinite_force"
+    end = float(run.time[-1])
+    assert 0.5 < end < 2.0
+    settings = tighter_of(run, None).settings
+    assert (settings["until"], settings["nodes"], settings["step"]) == (end, [0.5], 0.05)
+    assert np.isfinite(xd.companion(run, times=[0.5, 0.75 * end]).global_error_x).all()
+    whole = xd.simulate(model, method="rk4", step=0.1, until=0.3)
+    assert tighter_of(whole, None).settings["until"] == 0.3
+
+
+def test_colliding_bodies_have_no_nearly_exact_run_beside_them() -> None:
+    """Assert that phases are beside the run with half the steps, and why; balls that meet a wall alone have it."""
+    common = {
+        "dimensions": {"ball": 8},
+        "coordinates": {"x": {"unit": "m", "dims": ["ball"]}},
+        "mass": {"x": "kilogram"},
+        "forces": {"springs": {"potential": "50*newton/metre*x**2"}},
+        "initial": {"x": "(0.15*index(ball) - 0.6)*metre", "v_x": "0.1*index(ball)*metre/second"},
+    }
+    walls = {"wall": {"gap": "x + metre", "restitution": 1}}
+    meeting = {"relations": {"pair": {"of": "ball"}}} | common
+    hits = {"balls": {"gap": "second(x, pair) - first(x, pair) - 0.1*metre", "restitution": 1}}
+    settings: Any = {"method": "velocity_verlet", "step": "10 ms", "until": "1.5 s"}
+    run = xd.simulate(xd.Model(name="meeting", contacts=hits, **meeting), **settings)
+    found = xd.diagnose(run)
+    assert found.attrs["reference"].startswith("the run with half the steps (no run by dop853")
+    assert found.sizes["cycle"] >= 1
+    assert np.isfinite(found.phase_offset).all()
+    assert exact_march(run, None) is None
+    many = common | {"dimensions": {"ball": 30}}
+    apart = xd.simulate(xd.Model(name="apart", contacts=walls, **many), **settings | {"until": "20 ms"})
+    assert exact_march(apart, None) is not None

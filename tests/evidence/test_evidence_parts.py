@@ -33,7 +33,7 @@ from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
 from xdynamics.evidence.refining.forecast import Bounds, obstacle
-from xdynamics.evidence.refining.judgements import judge
+from xdynamics.evidence.refining.judgements import EVENT_LIMITED, judge
 from xdynamics.evidence.refining.levels import ALL, CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
 from xdynamics.evidence.refining.refinement import _bounds, _changing, _known, _stopped, _tolerances
 from xdynamics.evidence.refining.refinement import lines_of as refinement_in_words
@@ -384,6 +384,22 @@ def refined_by_hand(**more: Any) -> xr.Dataset:
         found[f"uncertainty_{name}"] = (place, np.full(count, 0.25))
     found["n"], found["difference_n"] = ("level", [3.0, 3.5, 3.625], {"units": "1"}), ("level", [0.5, 0.125, np.nan])
     return found.assign_attrs({"varied": "step_size", **more})
+
+
+def test_levels_that_met_other_events_leave_no_order_in_words() -> None:
+    """Assert that states of unknown uncertainty are told so, without an order, and which events only one level met."""
+    study = refined_by_hand()
+    study["uncertainty_x"] = ("at", np.full(2, np.inf))
+    study["event_count_low"], study["event_count_high"] = ("level", [3, 4, 6]), ("level", [1, 2, 2])
+    lines = refinement_in_words(study)
+    assert "x at t = 1 s = 1.75 m, of unknown uncertainty, asymptotic" in lines
+    (said,) = (line for line in lines if line.startswith("attention"))
+    assert "did not meet the same events (low 4 and 6 times)" in said
+    assert not any(
+        line.startswith("attention") for line in refinement_in_words(study.assign(event_count_low=("level", [6, 6, 6])))
+    )
+    judged = judge(np.array([1.0, 1.0, 1.0]), np.array([0.4, 0.2, 0.1]), 2.0, 1e-15, 0.0, np.inf, smooth=True)
+    assert (judged.verdict, judged.uncertainty) == (EVENT_LIMITED, np.inf)
 
 
 def test_a_refinement_in_words() -> None:

@@ -20,9 +20,10 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.runs import by_quantities, march
 from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.evidence.stages import Stage, lazy
+from xdynamics.evidence.stages import Stage, lazy, task_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
+from xdynamics.march.outcomes import GOOD
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -308,9 +309,8 @@ def tighter_of(run: xr.Dataset, functions: Functions | None) -> Tighter:
     check_kind(run)
     check_whole(run)
     model = model_of(run, functions)
-    settings = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING} | {
-        "force_samples": "none"
-    }
+    settings = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING}
+    settings |= {"force_samples": "none", **reached_only(run)}
     if str(run.attrs["solver_step_control"]) == "adaptive":
         said = f"a {TIGHTER:.0f}th of the tolerances"
         return Tighter(model, _tightened(settings), TIGHTER / (TIGHTER - 1.0), said)
@@ -318,6 +318,15 @@ def tighter_of(run: xr.Dataset, functions: Functions | None) -> Tighter:
     halved = np.repeat(np.asarray(step) / 2.0, 2) if np.ndim(step) else step / 2.0
     ratio = 2.0 ** METHODS[run.attrs["solver_method"]].order
     return Tighter(model, settings | {"step": halved}, ratio / (ratio - 1.0), "half the steps")
+
+
+def reached_only(run: xr.Dataset) -> dict[str, Any]:
+    """Return the end of a run that failed on its way, as settings for runs beside it: beyond it nothing is compared."""
+    if task_of(run) is not None or run.attrs["run_outcome"] in GOOD or schema.GIVEN_STEP.name in run:
+        return {}
+    begin, end = (float(run["time"][row]) for row in (0, -1))
+    nodes = [time for time in np.atleast_1d(run.attrs.get("solver_nodes", ())).tolist() if time < end]
+    return {"until": end, **({"nodes": nodes} if nodes else {})} if end > begin else {}
 
 
 def _tightened(settings: Mapping[str, Any]) -> dict[str, Any]:

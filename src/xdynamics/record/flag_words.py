@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def words_of(flag: xr.DataArray) -> list[str]:
+def words_of(flag: xr.DataArray | xr.Variable) -> list[str]:
     """Return the word of every value of a flag; switches of records of version 0.2 are ``drag:abs``, here ``drag.abs``."""
     words = str(flag.attrs["flag_meanings"]).replace(":", ".").split()
     names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))

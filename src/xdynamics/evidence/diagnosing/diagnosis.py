@@ -308,6 +308,9 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     if count := cycles_counted(found):
         yield f"cycles of {cycles_said(found)}: {count}, phases beside {stated(found, 'reference')}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
+            if found[name][:count].isnull().all():
+                yield f"{name} is unknown: the reference has fewer cycles, or none was marched"
+                continue
             first, last = (diagnosed(found, name, k) for k in (0, count - 1))
             yield f"{name} = {first} in the first cycle, {last} in the last"
 

@@ -13,7 +13,7 @@ from xdynamics import archive, schema
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
-from xdynamics.evidence.companion import Companion, check_whole
+from xdynamics.evidence.companion import Companion, check_whole, reached_only
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, check_coordinate, cycles
 from xdynamics.evidence.diagnosing.turns import TURNS
@@ -21,6 +21,8 @@ from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
+from xdynamics.model.assemblies import SECOND, assemblies
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.named_elements import column, find_column
@@ -34,6 +36,10 @@ Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
 EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that is the reference of phases
+COLLIDING = (
+    f"no run by {EXACT[0]} with rtol {EXACT[1]:g} was marched: of bodies that strike each other it takes many times as long,"
+    " and soon parts from any other run"
+)
 PARTS = 64  # of a cycle, from which its area is computed
 
 
@@ -98,6 +104,7 @@ def reference_times(
     end = float(tighter.run["time"][-1])
     if exact is None or float(exact["time"][-1]) < end - EXACT[1] * max(1.0, abs(end)):
         exact, source = tighter.run, f"the run with {tighter.said}"
+        source += f" ({COLLIDING})" if _collide(rows.model) else ""
     else:
         source = f"{EXACT[0]} with rtol {EXACT[1]:g}"
     return _filled(cycles(exact, counted.name, level=counted.level, functions=functions).times, n), source
@@ -106,9 +113,12 @@ def reference_times(
 def exact_march(run: xr.Dataset, functions: Functions | None) -> Task | None:
     """Return the task that marches a run's model by a method of high order; None if that refuses it.
 
-    The phase of a method may be of another order than its states, so it cannot be extrapolated.
+    The phase of a method may be of another order than its states, so it cannot be extrapolated. For bodies that strike each
+    other there is none: every stage of every step would solve for all forces of contact, of a motion that is chaotic.
     """
     model = model_of(run, functions)
+    if _collide(model):
+        return None
     try:
         return march_task(
             model,
@@ -116,11 +126,16 @@ def exact_march(run: xr.Dataset, functions: Functions | None) -> Task | None:
             rtol=EXACT[1],
             atol=EXACT[1] if "atol" in model.run else None,
             max_steps=MOST_STEPS,
-            until=float(run.attrs["solver_until"]),
+            **{"until": float(run.attrs["solver_until"]), **reached_only(run)},
             force_samples="none",
         )
     except InputError:
         return None
+
+
+def _collide(model: Model) -> bool:
+    """Whether a contact has links between moving bodies."""
+    return any(leaf.end == SECOND for whole in assemblies(model) for leaf in whole.leaves[: whole.coordinates])
 
 
 def _filled(values: Floats, size: int) -> Floats:

@@ -164,6 +164,8 @@ class _Judging:
         """Judge every number; `erratic` where errors have no expansion in powers of the steps."""
         values, steps, last, remainder = self.values, self.steps, self.last, self.remainder
         self.settle(~np.isfinite(values[:, -2:]).all(axis=-1), NOT_CONVERGING, MISSING, np.nan)
+        # it is not known on which side of an event these are, however close they are
+        self.settle(np.isinf(self.events), EVENT_LIMITED, THRICE, np.inf)
         self.settle(last <= self.rounding, ROUNDOFF, ROUNDED, remainder + last)
         ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
         observed = orders[:, -2] if len(steps) > 2 else np.full(len(values), np.nan)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +32,7 @@ from xdynamics.record.unfolding import unfold
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.shapes.naming import DOT, parted, spoken
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
-from xdynamics.units.digits import digits, with_uncertainty
+from xdynamics.units.digits import UNESTIMATED, digits, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,6 +41,12 @@ Floats = NDArray[np.float64]
 
 MOST_SHOWN = 3  # occurrences of one event, in words
 MOST_ELEMENTS = 6  # of one quantity, in words
+MOST_AFTER, FEW_AFTER = 2, 12  # of one after events, where it has more elements than a few
+COUNT = "event_count_"
+DIFFERENT_MOTIONS = (
+    "From the first that only one of them met they are different motions, whose orders and limits mean nothing: compare at an"
+    " earlier time, or compare averages over many starts, by a sweep"
+)
 SAID = {"left_out": "left out", "stopped": "stopped"}  # attributes that are told as they are
 
 
@@ -260,27 +267,59 @@ def lines_of(study: xr.Dataset) -> list[str]:
     lines.append(f"outcomes  {', '.join(outcomes)}")
     lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
     names = [str(item) for item in study.data_vars if f"difference_{item}" in study and _is_met(study, str(item))]
-    shown = dict[str, int]()
+    counts = Counter(parted(name)[0] for name in names)
+    shown = Counter[str]()
     for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
         quantity, labels = parted(name)
-        shown[quantity] = shown.get(quantity, 0) + 1
-        lines += _of_number(study, name, spoken(name)) if not labels or shown[quantity] <= MOST_ELEMENTS else []
+        shown[quantity] += 1
+        told = not labels or shown[quantity] <= _most(quantity, counts[quantity])
+        lines += _of_number(study, name, spoken(name)) if told else []
+    further: dict[int, list[str]] = {}
+    for quantity, count in counts.items():
+        further.setdefault(count - _most(quantity, count), []).append(quantity)
     lines += [
-        f"{quantity}: {count - MOST_ELEMENTS} further elements are in the record"
-        for quantity, count in shown.items()
-        if count > MOST_ELEMENTS
+        f"{', '.join(quantities)}: {count} further elements{' of each' * (len(quantities) > 1)} are in the record"
+        for count, quantities in further.items()
+        if count > 0
     ]
-    return lines + [f"{word:<9} {study.attrs[key]}" for key, word in SAID.items() if key in study.attrs]
+    return (
+        lines
+        + _events_apart(study)
+        + [f"{word:<9} {study.attrs[key]}" for key, word in SAID.items() if key in study.attrs]
+    )
+
+
+def _most(quantity: str, count: int) -> int:
+    """Return how many of the elements of a quantity are told of: of many after events fewer."""
+    return MOST_AFTER if quantity.startswith(AFTER) and count > FEW_AFTER else MOST_ELEMENTS
+
+
+def _events_apart(study: xr.Dataset) -> list[str]:
+    """Say which events the two finest levels met unequally often, if that leaves states without an uncertainty."""
+    unknown = any(
+        str(name).startswith("uncertainty_") and AT in variable.dims and np.isinf(variable.values).any()
+        for name, variable in study.variables.items()
+    )
+    counts = {
+        name.removeprefix(COUNT): variable.values[-2:].tolist()
+        for name, variable in ((str(key), own) for key, own in study.variables.items())
+        if name.startswith(COUNT) and len(set(variable.values[-2:].tolist())) > 1
+    }
+    if not (unknown and counts):
+        return []
+    told = ", ".join(f"{spoken(name)} {one} and {other}" for name, (one, other) in list(counts.items())[:MOST_ELEMENTS])
+    return [f"attention: the two finest levels did not meet the same events ({told} times). {DIFFERENT_MOTIONS}"]
 
 
 def _is_met(study: xr.Dataset, name: str) -> bool:
     """Whether a number is one to tell; not a state after the event of an element that no level met."""
-    return DOT not in name or not name.startswith(AFTER) or bool(study[name].notnull().any())
+    return DOT not in name or not name.startswith(AFTER) or not np.isnan(study.variables[name].values).all()
 
 
 def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:
     """Describe one number at each of its places, line by line."""
-    variable = study[name]
+    variables = study.variables  # of many, arrays with coordinates are slow to make
+    variable = variables[name]
     places = [dim for dim in variable.dims if dim != LEVEL]
     units = "" if variable.attrs["units"] == "1" else f" {variable.attrs['units']}"
     count = study.sizes[places[0]] if places else 1
@@ -291,7 +330,7 @@ def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:
             ""
             if not places
             else (
-                f" at t = {float(study[AT_TIME][k]):.9g}{unit_suffix(time_unit(study))}"
+                f" at t = {float(variables[AT_TIME].values[k]):.9g}{unit_suffix(time_unit(study))}"
                 if places[0] == AT
                 else f" [{k + 1}]"
             )
@@ -299,19 +338,22 @@ def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:
         if np.isnan(value):
             yield f"{called}{where} is not there in the finest level"
             continue
-        if f"verdict_{name}" not in study:
-            change = float(study[f"difference_{name}"].isel(place)[-2])
+        if f"verdict_{name}" not in variables:
+            change = float(variables[f"difference_{name}"].isel(place)[-2])
             yield (
                 f"{called}{where} = {value:.{digits(value, apart=abs(change) / 10.0)}g}{units}, changed by {change:.3g}{units}"
             )
             continue
-        order = float(study[f"order_{name}"].isel(place)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
-        verdict = words_of(study[f"verdict_{name}"].isel(place))[0]
-        uncertainty = float(study[f"uncertainty_{name}"].isel(place))
+        order = float(variables[f"order_{name}"].isel(place)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
+        verdict = words_of(variables[f"verdict_{name}"].isel(place))[0]
+        uncertainty = float(variables[f"uncertainty_{name}"].isel(place))
+        if np.isinf(uncertainty):
+            yield f"{called}{where} = {value:.{UNESTIMATED}g}{units}, of unknown uncertainty, {verdict}"
+            continue
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
         yield (f"{called}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
     if places == [OCCURRENCE] and name.startswith("event_time_"):  # said once, not of every state after the event
-        further = int(variable.isel({LEVEL: -1}).count()) - MOST_SHOWN
+        further = int(np.count_nonzero(~np.isnan(variable.isel({LEVEL: -1}).values))) - MOST_SHOWN
         more = "1 further occurrence is" if further == 1 else f"{further} further occurrences are"
         yield from [f"{called}: {more} in the record"] if further > 0 else []
 
