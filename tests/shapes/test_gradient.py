@@ -9,7 +9,8 @@ import sympy
 from xdynamics.expressions import Along, Name, Node, derivatives, parse, text_of
 from xdynamics.expressions.calculus import ONE, ZERO, derivative, negative
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, ModelError
+from xdynamics.model import Model
 from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, parted, prepared
 from xdynamics.shapes.gradient import derivative as rate_with_dimensions
 from xdynamics.shapes.gradient import gradient
@@ -68,6 +69,8 @@ POTENTIALS = [
     "sin(u)*cos(w) + tan(a)/cosh(u) + sinh(u)*tanh(w) + exp(a*u) + log(2 + u**2) + sqrt(3 + w)",
     "asin(u/4) + acos(w/4) + atan(a*u) + atan2(u, w) + hypot(u, a) + abs(u - w) + sign(u)*u",
     "(u + 5)**-1.5*index(site) + size(body)*m**3 - -(-(m**0.5)) + pi*m",
+    "m*take(r, axis, 1) + take(take(r, axis, 2)**2, body, size(body) - 1)*u",
+    "e*take(u*w, site, mod(2*index(axis), size(site)))",
 ]
 
 
@@ -209,7 +212,22 @@ def test_nothing_to_depend_on() -> None:
     assert rate_with_dimensions(parse("sum(u, site) + size(body)"), {"w": Name("v_w")}, SHAPES) == ZERO
 
 
-def test_what_is_taken_has_no_gradient() -> None:
-    """Assert that a potential with `take` is refused, with the remedy."""
-    with pytest.raises(InputError, match=r"stands in a potential, .*; state the force itself"):
+def test_what_is_taken_along_itself_has_no_gradient() -> None:
+    """Assert that a potential which takes elements of a dimension by its own index is refused, with force and remedy."""
+    with pytest.raises(InputError, match=r"stands in a potential, .*; write shift or roll, or state the force itself"):
         gradient(parse(TAKEN[1]), ("u",), SHAPES)
+    chain = """
+name = "mirror"
+[dimensions]
+site = 4
+[coordinates]
+u = { unit = "m", dims = ["site"] }
+[mass]
+u = "1*kilogram"
+[forces.mirrored]
+potential = "1*newton/metre*u*take(u, site, size(site) - 1 - index(site))"
+[initial]
+u = "1 m"
+"""
+    with pytest.raises(ModelError, match=r"^model 'mirror': force 'mirrored': 'take\(u, site, "):
+        Model.from_text(chain)

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from xdynamics.expressions import Along, Node
 from xdynamics.expressions.calculus import ZERO, negative
+from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potential
 from xdynamics.model.controllers import each_tree
 from xdynamics.model.csv_sheet import Sheet
@@ -51,14 +52,13 @@ class Elements(ElementNumbers):
         """
         old, trees = self.statement, self._trees
         parameters = self._parameters()
-        forces = {name: self._force(force) for name, force in old.forces.items()}
         new = replace(
             old,
             coordinates=self._each({name: always(replace(part, dims=())) for name, part in old.coordinates.items()}),
             parameters=parameters,
             mass=self._mass(),
             definitions=trees(old.definitions),
-            forces=forces,
+            forces=self._forces(),
             drives=_by_element(self._drive, old.drives),
             states=self._each({name: partial(self._state, part) for name, part in old.states.items()}),
             events=_by_element(self._event, old.events),
@@ -141,6 +141,14 @@ class Elements(ElementNumbers):
         if entry == ZERO or any(both[dim] != number for dim, number in here.items()):
             return ZERO
         return at(entry, both, self.shapes)
+
+    def _forces(self) -> dict[str, Force]:
+        ledger, forces = Ledger(f"model '{self.statement.name}'", ModelError), dict[str, Force]()
+        for name, force in self.statement.forces.items():
+            with ledger.entry(f"force '{name}'"):
+                forces[name] = self._force(force)
+        ledger.raise_faults()
+        return forces
 
     def _force(self, force: Force) -> Force:
         """Return a force term of the elements; a potential keeps its gradient with dimensions, which is that of each."""

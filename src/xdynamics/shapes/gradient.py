@@ -199,10 +199,7 @@ def _given_along(node: Along, position: int, adjoint: Node, parts: Parts) -> Nod
         case "shift":
             return _given_by_shift(node, position, adjoint, parts)
         case "take":
-            raise InputError(
-                f"'{shown(node)}' (column {node.column}) stands in a potential, whose force is not found through take;"
-                " state the force itself"
-            )
+            return _given_by_take(node, adjoint, parts)
     return adjoint  # of a sum
 
 
@@ -213,6 +210,17 @@ def _given_by_shift(node: Along, position: int, adjoint: Node, parts: Parts) -> 
         back = replace(node, places=-node.places)
         return Call("where", (_beyond(back, parts.shapes), ZERO, adjoint)) if node.places else adjoint
     return replace(node, arguments=(adjoint, ZERO), places=-node.places)
+
+
+def _given_by_take(node: Along, adjoint: Node, parts: Parts) -> Node:
+    """Return what the elements that are taken give; of others nothing."""
+    number, dim = node.arguments[1], node.dims[0]
+    if dim in parts.of(number):
+        raise InputError(
+            f"'{shown(node)}' (column {node.column}) stands in a potential, whose force is not found through take by an"
+            f" index of '{dim}' itself; write shift or roll, or state the force itself"
+        )
+    return Call("where", (Compare("==", Along("index", (), (dim,)), number), adjoint, ZERO))
 
 
 def _over(left: Node, right: Node) -> Node:
