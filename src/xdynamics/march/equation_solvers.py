@@ -82,6 +82,7 @@ def _newton_arrays(law: Law) -> Arrays:
     arrays: Arrays = {"equations": rows, "unknowns": np.concatenate(unknowns), "right": np.zeros(largest)}
     if (rows["state"] < 0).all():
         whole: Arrays = {"entries": np.array(entries, np.int32).reshape(-1, 4), "matrix": np.zeros(largest * largest)}
+        whole["shifted"] = np.zeros(2 * largest)
         return _NOTHING | arrays | whole
     system, height = _system(law.layout, largest)
     lengths = dict.fromkeys(("stage", "shifted"), law.layout.record.size) | {"matrix": largest * height}

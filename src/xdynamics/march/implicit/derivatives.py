@@ -12,6 +12,9 @@ from xdynamics.march.calls import called
 from xdynamics.march.force_evaluation import State, evaluate, slope_of
 from xdynamics.march.run import Run
 
+ROUNDED = 64.0 * EPS  # of the terms of an equation: what a correction below does is rounding
+LATE = 6  # iterations after which corrections are no smaller than rounding makes them, if ever
+
 slope_apart = apart(slope_of)
 
 

@@ -10,7 +10,7 @@ from xdynamics.kernels.newton_matrix import DIRECT
 from xdynamics.kernels.program import H, T
 from xdynamics.march.calls import called
 from xdynamics.march.force_evaluation import State
-from xdynamics.march.implicit.derivatives import find_by_groups, height_of, place_of
+from xdynamics.march.implicit.derivatives import LATE, ROUNDED, find_by_groups, height_of, place_of
 from xdynamics.march.run import Run
 
 MOST_ITERATIONS = 25
@@ -50,8 +50,48 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
             if right[i] != 0.0:
                 size = abs(w[unknown]) + abs(y[before]) + abs(run.at[H] * y[rate])
                 solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
+        solved = solved or (turns >= LATE and is_rounding(run, k, y))
     run.now[0].evaluations += max(0, turns - 1) * equation.evaluations
     return turns if solved else -1
+
+
+@compiled
+def is_rounding(run: Run, k: int, y: State) -> bool:
+    """Whether the last corrections are what rounding of the state does to the forces, as in `radau.is_rounding`."""
+    equation, w, n, scratch = run.equations[k], run.w, run.equations[k].unknowns, run.shifted
+    for i in range(n):  # of each unknown: the terms of its equation; how steeply they follow it
+        scratch[i], scratch[n + i] = size_of(run, equation.first_unknown + i, y), 1.0
+    for i in range(equation.first_entry, equation.first_entry + equation.entries if equation.state < 0 else 0):
+        row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
+        add_term(run, k, row, column, w[place] if slope == DIRECT else w[place] * w[slope], y)
+    for i in range(run.entries.shape[0] if equation.state >= 0 else 0):
+        row, column = run.entries[i, 0], run.entries[i, 1]
+        coordinates = run.plan[0].coordinates
+        unknown = column - coordinates if column >= coordinates else column
+        add_term(run, k, row, unknown, weight_of(run, k, row, column) * w[equation.derivatives + i], y)
+    below = True
+    for i in range(n):
+        below = below and abs(run.right[i]) * scratch[n + i] <= ROUNDED * scratch[i]
+    return below
+
+
+@shared
+def add_term(run: Run, k: int, row: int, column: int, slope: float, y: State) -> None:
+    """Add the term of one unknown to those of an equation."""
+    n, scratch = run.equations[k].unknowns, run.shifted
+    scratch[row] += abs(slope) * size_of(run, run.equations[k].first_unknown + column, y)
+    if row == column:
+        scratch[n + row] += abs(slope)
+
+
+@shared
+def size_of(run: Run, row: int, y: State) -> float:
+    """Return the size of an unknown; of a velocity also that of its coordinate, over the step."""
+    unknown, before, coordinates = run.unknowns[row, 0], run.unknowns[row, 1], run.plan[0].coordinates
+    size = abs(run.w[unknown]) + abs(y[before])
+    if coordinates <= before < 2 * coordinates:
+        size += abs(y[before - coordinates] / run.at[H])
+    return float(size)
 
 
 @shared
@@ -111,11 +151,18 @@ def assemble_by_groups(run: Run, k: int) -> None:
         matrix[place_of(run, i, i)] = 1.0 - w[weights + (0 if i < coordinates else 1)]
     for i in range(run.entries.shape[0]):
         row, column = run.entries[i, 0], run.entries[i, 1]
-        kind = 0 if column < coordinates else 1 if column < 2 * coordinates else 2
-        weight = w[weights + (2 if row < coordinates else 5) + kind]
+        weight = weight_of(run, k, row, column)
         if weight != 0.0:  # as there: no such term at all
             place = place_of(run, row, column - coordinates if column >= coordinates else column)
             matrix[place] -= weight * w[equation.derivatives + i]
+
+
+@shared
+def weight_of(run: Run, k: int, row: int, column: int) -> float:
+    """Return what a derivative of an acceleration or a rate is multiplied by, by what it is a derivative of."""
+    coordinates = run.plan[0].coordinates
+    kind = 0 if column < coordinates else 1 if column < 2 * coordinates else 2
+    return float(run.w[run.equations[k].weights + (2 if row < coordinates else 5) + kind])
 
 
 @shared

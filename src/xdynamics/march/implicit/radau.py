@@ -13,13 +13,13 @@ import numpy as np
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels import radau_lines, step_control
 from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.formulas import function_of, larger
+from xdynamics.kernels.formulas import function_of
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.assembly.closed_links import SCALE, X, closed_from, rows_of_closed
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
 from xdynamics.march.force_evaluation import State, evaluate, evaluate_held, keep_sample
-from xdynamics.march.implicit.derivatives import linearise, slope_apart
+from xdynamics.march.implicit.corrections import at_stages, correction, is_rounding, settles
+from xdynamics.march.implicit.derivatives import LATE, linearise, slope_apart
 from xdynamics.march.implicit.transformed import factorise_both, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods import radau as constants
@@ -40,7 +40,6 @@ SOLVED_WITH_LINKS = (  # whose steps are solved to rounding, see `settles`
 # single numbers: numba would build tuples anew at every use
 C1, C2, _ = constants.NODES
 E1, E2, E3 = constants.ERROR
-(T00, T01, T02), (T10, T11, T12), (T20, _, _) = constants.T
 (A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = constants.T_INVERSE
 MOST_TURNS = np.int64(constants.MOST_TURNS)  # no literal: numba compiles a copy of a function for each that it is given
 MOST_SETTLING = np.int64(25)  # where the step is given
@@ -119,6 +118,7 @@ def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
         prepare(run, h, way)
         done = iterate(run, t, h, y, sample, way == AT_ITERATES)
         if way == AT_ITERATES:  # these derivatives serve no other step
+            done = done or is_rounding(run, h, y)
             kept.linearised, kept.fresh = 0, 0
     return done
 
@@ -154,6 +154,8 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool
             following, turn, kept.eta = False, 0, 1.0
         elif turn == MOST_SETTLING or not math.isfinite(size):
             verdict = IN_VAIN
+        elif turn >= LATE and is_rounding(run, h, y):
+            verdict = DONE
     return verdict == DONE
 
 
@@ -203,45 +205,6 @@ def judged(run: Run, size: float, turn: int) -> int:
     return OPEN if turn < most else IN_VAIN
 
 
-@shared
-def moved_by(run: Run, i: int) -> float:
-    """Return how far an unknown has moved since the start of the step, at most."""
-    n, turned = run.plan[0].used, run.turned
-    first, second, third = _stages(turned[i], turned[n + i], turned[2 * n + i])
-    return max(abs(first), abs(second), abs(third))
-
-
-@shared
-def settles(run: Run) -> bool:
-    """Whether steps are solved to rounding: given ones, and where links meet, as a gap is to pass through zero but once."""
-    return not run.plan[0].adaptive or run.plan[0].assemblies > 0
-
-
-@shared
-def held_of_kinds(run: Run, h: float) -> None:
-    """Find the largest velocity of each kind that the forces of closed links, just found, keep from bodies in the step.
-
-    What links hold has no size of its own but rounding about zero, and that is a share of the terms that cancel.
-    """
-    n = run.plan[0].coordinates
-    for k in range(run.tops.shape[0]):
-        run.tops[k] = 0.0
-    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
-        amount = h * run.vectors[X, row] * run.vectors[SCALE, row]
-        for i in range(run.normals.shape[1]):
-            kind = run.kinds[n + run.reads[row, i]]
-            run.tops[kind] = max(run.tops[kind], abs(run.replies[row, i] * amount))
-
-
-@shared
-def held_from(run: Run, h: float, i: int) -> float:
-    """Return what closed links keep from an unknown of the kind of this one in the step."""
-    n = run.plan[0].coordinates
-    if i < n:
-        return float(h * run.tops[run.kinds[n + i]])
-    return float(run.tops[run.kinds[i]]) if i < 2 * n else 0.0
-
-
 @compiled
 def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
     """Correct all stages once; return the largest correction relative to the tolerance of its unknown."""
@@ -279,13 +242,7 @@ def to_transformed(given: State, found: State, n: int) -> None:
 def to_stages(given: State, found: State, n: int) -> None:
     """Multiply three vectors of n components, stored one after the other, by T."""
     for i in range(n):
-        found[i], found[n + i], found[2 * n + i] = _stages(given[i], given[n + i], given[2 * n + i])
-
-
-@shared
-def _stages(w0: float, w1: float, w2: float) -> tuple[float, float, float]:
-    """Multiply one component of three vectors by T."""
-    return T00 * w0 + T01 * w1 + T02 * w2, T10 * w0 + T11 * w1 + T12 * w2, T20 * w0 + w1
+        found[i], found[n + i], found[2 * n + i] = at_stages(given[i], given[n + i], given[2 * n + i])
 
 
 @shared
@@ -300,34 +257,6 @@ def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> Non
         keep_sample(run, time, stage, sample + k * width)
         for i in range(n):
             run.stages[k * n + i] = slope_apart(run, stage, i)
-
-
-@shared
-def correction(run: Run, h: float, y: State) -> float:
-    """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown.
-
-    They stand where stages will; the largest of each unknown is left in `right`, for messages.
-    """
-    n, plan, largest = run.plan[0].used, run.plan[0], 0.0
-    held = plan.assemblies > 0 and run.closed[0] > 0
-    if held:
-        held_of_kinds(run, h)
-    for i in range(n):
-        scale = run.atol[i] + plan.rtol * abs(y[i])
-        moved = moved_by(run, i)
-        if plan.follows and scale == 0.0:  # it was at rest: its move is the only scale
-            scale = plan.rtol * moved
-        if settles(run):
-            scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
-            if held:
-                scale += held_from(run, h, i)
-        run.right[i] = 0.0
-        for k in range(3):
-            change = abs(run.stages[k * n + i])
-            run.right[i] = larger(run.right[i], change)
-            if change != 0.0:
-                largest = larger(largest, change / scale)
-    return largest
 
 
 @shared
