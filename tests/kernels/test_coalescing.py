@@ -5,77 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
-import xdynamics as xd
-from xdynamics.elementary import NAME
-from xdynamics.kernels import law_of
+from cases.chain_steps import EXPLICIT, SITES, chain_law, executed, left_by, lengths_of
 from xdynamics.kernels.coalescing import coalesced
-from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Compute, Load, Loop, Program, ProgramCall, StoreTo, element
-from xdynamics.kernels.python_text import python_of
-from xdynamics.march.configuration import settings_for
-
-SITES = 7
-CHAIN = f"""
-name = "chain"
-[dimensions]
-site = {SITES}
-[relations.spring]
-of = "site"
-neighbours = 1
-[coordinates]
-u = {{ unit = "m", dims = ["site"] }}
-[parameters]
-m = "1 kg"
-k = "3 N m-1"
-[mass]
-u = "m"
-[forces.springs]
-over = "spring"
-potential = "k*(second(u, spring) - first(u, spring))**2/2"
-[forces.ground]
-u = "-0.1*k*u"
-[initial]
-u = "metre*sin(index(site))"
-v_u = "0*metre/second"
-"""
-FOLLOWERS = """s = "metre"
-[states.s]
-unit = "m"
-dims = ["site"]
-rate = "(u - s)/second"
-"""
-EXPLICIT = [name for name, method in xd.METHODS.items() if not method.solves and not method.stepper.foresees]
-
-
-def executed(programs: list[Program], name: str, sizes: dict[str, int]) -> dict[str, Any]:
-    """Run one of some programs in Python, and return all arrays after it."""
-    scope: dict[str, Any] = {**python_of_set(NAME), "_empty": lambda count: np.full(count, np.nan)}
-    exec("\n".join(map(python_of, programs)), scope)
-    numbers = np.random.default_rng(1)
-    arrays = {array: numbers.normal(size=count) for array, count in sizes.items()}
-    arrays["at"][:5] = 0.3, 0.4, 0.1, 0.5, 0.0
-    arrays["p"] = np.abs(arrays["p"]) + 0.5
-    scope[name](*arrays.values())
-    return arrays
 
 
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_steps_keep_their_numbers(name: str) -> None:
     """Assert that a step of every explicit method leaves the same bits everywhere, with fewer numbers of its own."""
-    with_states = not xd.METHODS[name].symplectic and name != "dprkn6"
-    model = xd.Model.from_text(CHAIN + FOLLOWERS * with_states)
-    law = law_of(settings_for(model, method=name, step=0.1, until=1.0).layout(model), sampled=True)
-    layout = law.layout
-    lengths = {"y": layout.record.size, "z": layout.record.size, "e": layout.used.size}
+    law = chain_law(name, sampled=True)
     by_name = {program.name: program for program in law.programs}
-    fewer = [coalesced(program, by_name, lengths) for program in law.programs]
-    sizes = {"at": 16, "y": lengths["y"], "p": 50, "tables": 1, "pieces": 1, "z": lengths["z"]}
-    sizes |= {"e": lengths["e"], "samples": 5000, "w": max(1, law.memory)}
+    fewer = [coalesced(program, by_name, lengths_of(law)) for program in law.programs]
     for program in ("forces", "propose"):
-        plain, other = (executed(list(texts), program, sizes) for texts in (law.programs, fewer))
+        plain, other = (left_by(law, texts, program) for texts in (law.programs, fewer))
         for array, values in plain.items():
             assert values.tobytes() == other[array].tobytes(), array
     own = [sum(by_name["propose"].local.values()), sum(fewer[[*by_name].index("propose")].local.values())]

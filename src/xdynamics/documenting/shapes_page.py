@@ -69,8 +69,8 @@ CLOSING = (
     ),
     (
         "Besides its record and 20 MB, a march of many masses in one dimension takes some 80 bytes for each by velocity_verlet,"
-        " 170 by rk4, 260 by dormand_prince, 490 by dop853 (32 for each stage: position, velocity, acceleration and force). A"
-        " state by radau_iia takes 336: factors of a real and a complex band of three 104, derivatives and their places 60,"
+        " 110 by rk4, 165 by dormand_prince, 225 by dop853; of these velocities and accelerations of stages that are still to"
+        " be read take 48, 72 and 128. A state by radau_iia takes 336: factors of a real and a complex band of three 104, derivatives and their places 60,"
         " stages 72 and a state for them 16, states at both ends 32, errors, tolerances and sizes 28, a row of the log 24. In a"
         " band of n below the diagonal and m above it the factors take 24*(2*n + m + 1) + 8: of a field in two dimensions"
         " they are by far the most, and a march that has no room for them is refused before it is begun."

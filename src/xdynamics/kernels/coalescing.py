@@ -6,47 +6,14 @@ what a reader wants; for large models a step is as fast as its numbers come from
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from xdynamics.kernels.program import (
-    Compute,
-    Gather,
-    Instruction,
-    Load,
-    Loop,
-    Ordinal,
-    Place,
-    Program,
-    ProgramCall,
-    Reduction,
-    StoreTo,
-    nested,
-)
+from xdynamics.kernels.array_effects import LineEffect, Part, Spans, effect_of, effects_of, root_of, spans_of
+from xdynamics.kernels.program import Instruction, Loop, Program
 
-Part = tuple[str, int, int]  # of an array: its name, the first element, the one after the last
 Link = tuple[str, int, str, int, int]  # two arrays with the first elements of parts alike, and how many there are
-Spans = dict[str, tuple[str, int]]  # by name: in which array it stands, and from which element on
-
-
-@dataclass(frozen=True)
-class _Effect:
-    """What a line reads and writes, by the names that it has for arrays.
-
-    Attributes
-    ----------
-    reads, writes : tuple of Part
-    whole : bool
-        Whether every element of what it writes is written.
-    copies : bool
-        Whether what it writes is what it reads, element by element.
-    """
-
-    reads: tuple[Part, ...]
-    writes: tuple[Part, ...]
-    whole: bool
-    copies: bool
 
 
 def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[str, int]) -> Program:
@@ -60,15 +27,15 @@ def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[
     lengths : mapping of str to int
         Of given arrays that results go to, and of `y`. None of them overlap.
     """
-    effects = _effects(program.body, others, {})
+    effects = effects_of(program.body, others, {})
     if effects is None or program.spread:
         return program
     current, sizes = program, {**lengths, **program.local}
     for effect in effects:
         if not effect.copies:
             continue
-        spans = _spans(current, sizes)
-        (source, first), (target, begin) = (_root(part, spans) for part in (*effect.reads, *effect.writes))
+        spans = spans_of(current, sizes)
+        (source, first), (target, begin) = (root_of(part, spans) for part in (*effect.reads, *effect.writes))
         if source not in current.local or target not in sizes or target in (source, "y"):
             continue
         distance, size = begin - first, current.local[source]
@@ -83,12 +50,12 @@ def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[
         ]
         candidate, link = _moved(current, source, target, distance), (source, 0, target, distance, size)
         seen = [
-            _seen(parts, {name: span for name, span in _spans(way, sizes).items() if span[0] in pair}, pair, link)
+            _seen(parts, {name: span for name, span in spans_of(way, sizes).items() if span[0] in pair}, pair, link)
             for way in (current, candidate)
         ]
         if seen[0] == seen[1]:
             current = candidate
-    spans = _spans(current, sizes)
+    spans = spans_of(current, sizes)
     body = tuple(line for line in current.body if not _is_idle(line, spans))
     return replace(current, body=body)
 
@@ -103,106 +70,16 @@ def _moved(program: Program, source: str, target: str, distance: int) -> Program
     return replace(program, views=views, local={name: n for name, n in program.local.items() if name != source})
 
 
-def _spans(program: Program, sizes: Mapping[str, int]) -> Spans:
-    """Return where every array stands that has a known length."""
-    own: Spans = {name: (name, 0) for name in (*sizes, *program.local)}
-    return own | {name: (array, first) for name, (array, first, _) in program.views.items() if array in own}
-
-
-def _root(part: Part, spans: Spans) -> tuple[str, int]:
-    array, first = spans.get(part[0], (part[0], 0))
-    return array, first + part[1]
-
-
 def _is_idle(line: Instruction, spans: Spans) -> bool:
     """Whether a line copies a vector to where it stands."""
-    effect = _effect(line, {}) if isinstance(line, Loop) else None
-    return effect is not None and effect.copies and _root(effect.reads[0], spans) == _root(effect.writes[0], spans)
-
-
-# ------------------------------------------------------------------------------------------------ what a program does
-
-
-def _effects(
-    body: Sequence[Instruction], others: Mapping[str, Program], names: Mapping[str, Part | None]
-) -> list[_Effect] | None:
-    """Return what each line does, with those of programs that are called; None where a line may do more.
-
-    `names` has where arrays of a called program stand, None for those that nobody else sees.
-    """
-    found: list[_Effect] = []
-    for line in body:
-        if isinstance(line, ProgramCall):
-            called = others.get(line.program)
-            if called is None or names:
-                return None
-            given: dict[str, Part | None] = {
-                "at": (line.at, 0, 0),
-                "y": (line.y, 0, 0),
-                "z": (line.z, 0, 0),
-                "e": (line.e, 0, 0),
-            }
-            inner = dict.fromkeys(called.local) | given
-            for name, (array, first, _) in called.views.items():
-                known = inner.get(array, (array, 0, 0))
-                inner[name] = known and (known[0], known[1] + first, 0)
-            effects = _effects(called.body, {}, inner)
-            if effects is None:
-                return None
-            found += effects
-        elif isinstance(line, Load | StoreTo | Loop | Reduction):
-            found.append(_effect(line, names))
-        elif not isinstance(line, Compute | Gather | Ordinal):
-            return None
-    return found
-
-
-def _effect(line: Instruction, names: Mapping[str, Part | None]) -> _Effect:
-    """Return what one line reads and writes."""
-    lines = list(nested((line,)))
-    counts = {inner.index: inner.count for inner in lines if isinstance(inner, Loop | Reduction)}
-    reads = [part for inner in lines if isinstance(inner, Load) for part in _parts(inner.place, counts, names)]
-    stores = [inner for inner in lines if isinstance(inner, StoreTo)]
-    writes = [part for store in stores for part in _parts(store.place, counts, names)]
-    bounded = any(isinstance(inner, Reduction) and (inner.below or inner.above) for inner in lines)
-    whole = not bounded and all(_is_whole(store.place, counts) for store in stores)
-    return _Effect(tuple(reads), tuple(writes), whole, _is_copy(line) and len(reads) == len(writes) == 1)
-
-
-def _is_copy(line: Instruction) -> bool:
-    """Whether a loop copies neighbouring elements."""
-    match line:
-        case Loop(index, _, (Load(value, source), StoreTo(target, stored))) if stored == value:
-            return source.strides == target.strides == ((index, 1),)
-    return False
-
-
-def _parts(place: Place, counts: Mapping[str, int], names: Mapping[str, Part | None]) -> Iterator[Part]:
-    """Yield the part of an array in which a place is, for all values of its indices."""
-    known = names.get(place.array, (place.array, 0, 0))
-    if known is None:
-        return
-    name, first, _ = known
-    if any(index not in counts for index, _ in place.strides):  # a gathered one: anywhere
-        yield name, -1, -1
-        return
-    ends = [stride * (counts[index] - 1) for index, stride in place.strides]
-    low = first + place.offset + sum(end for end in ends if end < 0)
-    high = first + place.offset + sum(end for end in ends if end > 0)
-    yield name, low, high + 1
-
-
-def _is_whole(place: Place, counts: Mapping[str, int]) -> bool:
-    """Whether a place is every element between its first and its last."""
-    return not place.strides or (
-        len(place.strides) == 1 and place.strides[0][1] == 1 and counts.get(place.strides[0][0], 0) > 0
-    )
+    effect = effect_of(line, {}) if isinstance(line, Loop) else None
+    return effect is not None and effect.copies and root_of(effect.reads[0], spans) == root_of(effect.writes[0], spans)
 
 
 # ------------------------------------------------------------------------------------------ what its lines find there
 
 
-def _seen(effects: Sequence[tuple[int, _Effect]], spans: Spans, sizes: Mapping[str, int], link: Link) -> list[Any]:
+def _seen(effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link) -> list[Any]:
     """Return what every line finds in the arrays that it reads, by the line that wrote it, and what is left in the end.
 
     Two programs of the same lines that find the same everywhere compute the same, wherever their arrays stand. A line
@@ -239,7 +116,7 @@ def _seen(effects: Sequence[tuple[int, _Effect]], spans: Spans, sizes: Mapping[s
     return [found, [(cut, held.get((name, cut), (name, cut))) for name in results for cut in cuts[name][:-1]]]
 
 
-def _crossing(effect: _Effect, atoms: Any) -> list[tuple[str, str]]:
+def _crossing(effect: LineEffect, atoms: Any) -> list[tuple[str, str]]:
     """Return pairs of names by which a line reads, or writes twice, and writes the same elements."""
     places = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.writes]
     others = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.reads]
@@ -252,7 +129,7 @@ def _crossing(effect: _Effect, atoms: Any) -> list[tuple[str, str]]:
 
 
 def _cuts(
-    effects: Sequence[tuple[int, _Effect]], spans: Spans, sizes: Mapping[str, int], link: Link
+    effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link
 ) -> dict[str, list[int]]:
     """Return the elements at which parts of arrays begin or end, those of copies wherever their originals have one.
 
@@ -267,7 +144,7 @@ def _cuts(
                 array, first = spans[name]
                 cuts[array] |= {first + low, first + high}
         if effect.copies and len(known) == 2:
-            (source, begin), (target, end) = (_root(part, spans) for part in known)
+            (source, begin), (target, end) = (root_of(part, spans) for part in known)
             links.append((source, begin, target, end, known[0][2] - known[0][1]))
     changed = True
     while changed:

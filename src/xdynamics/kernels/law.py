@@ -20,14 +20,16 @@ from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
 from xdynamics.kernels.constraint_programs import constraining
 from xdynamics.kernels.double_double import doubled
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
+from xdynamics.kernels.heap_arrays import MOST_ON_STACK
 from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.newton_matrix import NewtonSystem
 from xdynamics.kernels.operations import python_of_set
-from xdynamics.kernels.program import AT, Program
+from xdynamics.kernels.program import AT, Program, ProgramCall
 from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.shared_storage import with_shared_storage
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import curve_size
 from xdynamics.methods.scheme import Scheme
@@ -152,7 +154,16 @@ class Law:
             return self._kept[0]
         title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
         source = "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
-        return Printed(source, tuple(program.name for program in self.entries), self.steps.memory, self.steps.equations)
+        names, storage = tuple(program.name for program in self.entries), self._storage
+        return Printed(source, names, self.steps.memory, self.steps.equations, storage)
+
+    @property
+    def _storage(self) -> int:
+        own: dict[str, int] = {}
+        for program in self.thin_programs(without=[self.entries[INSIDE - FORCES]]):
+            called = (own.get(line.program, 0) for line in program.body if isinstance(line, ProgramCall))
+            own[program.name] = sum(program.local.values()) + max(called, default=0)
+        return max(own.values())
 
     @property
     def source(self) -> str:
@@ -186,6 +197,11 @@ class Law:
     def memory(self) -> int:
         """Numbers of the working memory of a step."""
         return self.printed.memory
+
+    @property
+    def storage(self) -> int:
+        """Numbers of the most that a program of a march has in arrays of its own, with one that it calls."""
+        return self.printed.storage
 
     @property
     def curve(self) -> int:
@@ -242,16 +258,30 @@ class Law:
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, without some of the programs."""
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
-        programs = [entry for entry in self._run_programs if entry not in without]
-        abreast = 1
-        if model_programs.has_loops(self.layout.model):
-            abreast, layout = machine.vector_lanes() // 2, self.layout
-            lengths = {"y": layout.record.size, "z": layout.record.size, "e": layout.used.size}
-            by_name: dict[str, Program] = {}
-            for program in programs:  # each after those that it calls, as they are then
-                by_name[program.name] = coalesced(program, by_name, lengths)
-            programs = list(by_name.values())
+        abreast = machine.vector_lanes() // 2 if self._is_thinned else 1
+        programs = self.thin_programs(without)
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
+
+    @property
+    def _is_thinned(self) -> bool:
+        return model_programs.has_loops(self.layout.model)
+
+    def thin_programs(self, without: Sequence[Program] = ()) -> list[Program]:
+        """Return the programs as they are run, without some: with few copies, and large arrays in one where loops are."""
+        programs = [entry for entry in self._run_programs if entry not in without]
+        if not self._is_thinned:
+            return programs
+        layout, thin = self.layout, self._thin
+        lengths = {"y": layout.record.size, "z": layout.record.size, "e": layout.used.size}
+        for program in programs:  # each after those that it calls, as they are then
+            if program.name not in thin:
+                fewer = coalesced(program, thin, lengths)
+                thin[program.name] = with_shared_storage(fewer, thin, lengths, MOST_ON_STACK)
+        return [thin[program.name] for program in programs]
+
+    @cached_property
+    def _thin(self) -> dict[str, Program]:
+        return {}
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""

@@ -40,12 +40,15 @@ class Printed:
         Numbers of the working memory of a step.
     equations : tuple of Equations
         What the step solves by Newton's method.
+    storage : int
+        Numbers of the most that a program has in arrays of its own, with one that it calls.
     """
 
     source: str
     names: tuple[str, ...]
     memory: int
     equations: tuple[NewtonSystem, ...]
+    storage: int
 
 
 def key_of(layout: Layout, *choices: str) -> str:
@@ -63,7 +66,11 @@ def read(key: str) -> tuple[Printed, bytes] | None:
     fields: dict[str, Any] = json.loads(head)
     return (
         Printed(
-            fields["source"], tuple(fields["names"]), fields["memory"], tuple(map(_equations, fields["equations"]))
+            fields["source"],
+            tuple(fields["names"]),
+            fields["memory"],
+            tuple(map(_equations, fields["equations"])),
+            fields["storage"],
         ),
         code,
     )

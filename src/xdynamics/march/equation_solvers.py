@@ -196,7 +196,7 @@ _SOLVERS = {
         arrays=lambda _law: _NOTHING,
         reported=lambda _settings, _law: {},
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
-        sizes=lambda law: {"stages": 8.0 * (law.scheme.stages - 1) * law.layout.record.size},
+        sizes=lambda law: {"stages": 8.0 * law.storage},
         in_lanes=lambda _law, _settings: True,
     ),
     SERIES: Solver(

@@ -139,7 +139,7 @@ def check_growth(march: March, taken: float, more: float, memory: str | float | 
 def sizes_of_march(march: March) -> dict[str, float]:
     """Return how many bytes a march writes to beside its record, by what stands there; made before any of it is.
 
-    The law of a method that solves equations is written first, which takes less than its factors.
+    The law is written first, which takes less than its arrays.
     """
     layout, law = march.layout, march.law
     sizes = {
