@@ -15,6 +15,7 @@ MODEL = f"""
 name = "chain"
 [dimensions]
 site = {N}
+axis = 3
 [relations.link]
 of = "site"
 neighbours = 1
@@ -34,6 +35,11 @@ def wave(i: int) -> mpf:
     return mp.sin(mp.pi * (i + 1) / (N + 1))
 
 
+def crossed(a: list[mpf], b: list[mpf], c: list[mpf]) -> mpf:
+    """Return the determinant of three vectors, the third times the cross product of the others."""
+    return mp.det(mp.matrix([a, b, c]))
+
+
 SINES = "sin(pi*(index(site) + 1)/(size(site) + 1))"
 CASES = {
     SINES: wave,
@@ -51,6 +57,13 @@ CASES = {
     ),
     f"norm(second({SINES}, link) - first({SINES}, link), link)*{SINES}": (
         lambda i: wave(i) * mp.sqrt(sum((wave(k + 1) - wave(k)) ** 2 for k in range(N - 1)))
+    ),
+    f"dot(cross({SINES}*(index(axis) + 1/3)**2, cos({SINES} + index(axis)), axis), 1/(index(axis) + 3), axis)": (
+        lambda i: crossed(
+            [wave(i) * (k + mpf(1) / 3) ** 2 for k in range(3)],
+            [mp.cos(wave(i) + k) for k in range(3)],
+            [mpf(1) / (k + 3) for k in range(3)],
+        )
     ),
 }
 

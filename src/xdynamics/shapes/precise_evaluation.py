@@ -16,7 +16,7 @@ from xdynamics.shapes.extents import Shapes
 
 Array = NDArray[np.float64]
 
-_SUMS_OF_ENDS = frozenset(("onto", "cross"))  # of which there is no value with 31 digits
+_SUMS_OF_ENDS = "onto"  # of which there is no value with 31 digits: derivatives alone have them
 
 
 def rounding_errors(
@@ -34,14 +34,14 @@ def rounding_errors(
     Returns
     -------
     ndarray, shape of `dims`
-        0 where values are not finite, and for cross products, which are not evaluated so.
+        0 where values are not finite.
 
     Raises
     ------
     InputError
         If a name has no value.
     """
-    if any(isinstance(part, Along) and part.function in _SUMS_OF_ENDS for part in every(node)):
+    if any(isinstance(part, Along) and part.function == _SUMS_OF_ENDS for part in every(node)):
         return np.zeros(np.shape(found))
     high, low = _PreciseWalk({**values, "pi": PI}, shapes, beside).precisely_along(node, dims)
     with np.errstate(all="ignore"):
@@ -73,7 +73,7 @@ class _PreciseWalk(Walk):
             return PreciseArray(
                 *(self._moved(node, [getattr(value, part) for value in values]) for part in ("high", "low"))
             )
-        return self._reduced_precisely(node)
+        return self._crossed(node) if node.function == "cross" else self._reduced_precisely(node)
 
     def _moved(self, node: Along, values: list[Array]) -> Any:
         names = [f"_part_{i}" for i in range(len(values))]
@@ -81,9 +81,22 @@ class _PreciseWalk(Walk):
         walk = Walk(dict(zip(names, values, strict=True)), self.shapes, self.beside)
         return walk.along_dimensions(Along(node.function, arguments, node.dims, node.places, node.column))
 
+    def _full_parts(self, node: Along) -> list[PreciseArray]:
+        """Return the arguments of a function with all elements along its dimensions."""
+        return [self.value(argument).of_parts(lambda part: self.full(part, node.dims)) for argument in node.arguments]
+
+    def _crossed(self, node: Along) -> PreciseArray:
+        """Return a cross product: of each element's next in one factor by the last of the three in the other, less its mirror."""
+        axis = self.axes.index(node.dims[0])
+        (a_next, a_last), (b_next, b_last) = (
+            [value.of_parts(lambda part, step=step: np.roll(part, -step, axis)) for step in (1, 2)]  # type: ignore[misc]
+            for value in self._full_parts(node)
+        )
+        return a_next * b_last + -(a_last * b_next)
+
     def _reduced_precisely(self, node: Along) -> PreciseArray:
         """Reduce a value along dimensions; with so many digits the order is of no account, and pairs are fast."""
-        parts = [self.value(argument).of_parts(lambda part: self.full(part, node.dims)) for argument in node.arguments]
+        parts = self._full_parts(node)
         if node.function in ("dot", "norm"):
             parts = [parts[0] * parts[-1]]
         axes = [self.axes.index(dim) for dim in node.dims]
