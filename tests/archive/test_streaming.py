@@ -109,6 +109,25 @@ def test_a_write_that_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.Mon
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a run extended on a disk that is full ends without its file, and without a folder for its segments."""
+    kept = xd.save(xd.simulate(MODEL, step=0.01, until=1.0), tmp_path / "run.nc")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(segments.Segments, "due", property(lambda self: not self.failed))
+    monkeypatch.setattr(segments.segment, "write", full)
+    monkeypatch.setattr(Writer, "finish", full)
+    with (
+        pytest.warns(xd.ResumeWarning, match="no more segments of .*: No space left on device; the run goes on"),
+        pytest.raises(xd.ArchiveError, match="cannot be written: No space left on device"),
+    ):
+        xd.extend(kept, until=3.0, path=tmp_path / "longer.nc")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.nc"]
+
+
 def test_the_model_s_own_file_is_no_target(tmp_path: Path) -> None:
     """Assert that a march refuses the file that its model is from, before anything is made beside it."""
     path = tmp_path / "free.toml"

@@ -79,6 +79,9 @@ class Segments:
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         if self._lock is not None:
+            with suppress(OSError, InputError):
+                if is_folder(self.folder) and not _names(self.folder):  # the disk had no room for the first
+                    _emptied(self.folder)
             self._lock.close()
 
     def _claim(self) -> None:
