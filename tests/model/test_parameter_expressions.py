@@ -150,6 +150,19 @@ def test_a_unit_twice_is_told() -> None:
         xd.Model.from_text(CHAIN.replace("uncertainty", 'unit = "N", uncertainty'))
 
 
+def test_a_unit_stands_beside_an_expression_of_a_start() -> None:
+    """Assert that pure numbers are in that unit, in a text of the model too, and that no other expression is."""
+    start = 'u = { value = "2*sin(index(site) + m/kilogram)", unit = "mm" }'
+    model = xd.Model.from_text(CHAIN.replace('u = "0.1 m"', start))
+    for each in (model, xd.Model.from_text(model.to_toml())):
+        run = xd.simulate(each, **SETTINGS)
+        np.testing.assert_allclose(run.u[0], 2e-3 * np.sin(np.arange(5.0) + 1.0), rtol=1e-15)
+    with pytest.raises(xd.ModelError, match=r"initial value of 'u' has units 'm kg', needs 'm'|'kg m', needs 'm'"):
+        xd.Model.from_text(CHAIN.replace('u = "0.1 m"', 'u = { value = "m*index(site)", unit = "mm" }'))
+    with pytest.raises(xd.ModelError, match="has uncertainty beside an expression; give it to the parameters"):
+        xd.Model.from_text(CHAIN.replace('u = "0.1 m"', start.replace("unit", 'uncertainty = "1 mm", unit')))
+
+
 def test_a_model_of_numbers_is_the_same() -> None:
     """Assert that runs of both texts are identical, and each of either model; not with another last bit."""
     assert NUMBERED != MODEL

@@ -8,7 +8,7 @@ from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
 
-from xdynamics.expressions import Node, dimension_of, free_names, parse, shown, text_of
+from xdynamics.expressions import Binary, Node, dimension_of, free_names, parse, shown, text_of
 from xdynamics.faults import InputError, brief, few
 from xdynamics.model.element_room import check_room
 from xdynamics.model.kinds import Source
@@ -19,6 +19,7 @@ from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, part
 from xdynamics.model.value_forms import is_expression, is_meant
 from xdynamics.shapes import Shapes, prepared
 from xdynamics.units import (
+    BASE,
     CALENDAR,
     CONSTANTS,
     NONE,
@@ -26,6 +27,7 @@ from xdynamics.units import (
     Scale,
     Unit,
     constant,
+    constant_of,
     parse_quantity,
     parse_scale,
     parse_unit,
@@ -118,14 +120,20 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
 
 def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shapes, *, at_start: bool) -> Values:
     """Read an expression: of constants and numbers of elements, beside which a unit may stand, or at the start of more."""
-    if at_start and (extra := [key for key in (*SIZES, "unit") if key in entry]):
-        raise InputError(f"has {extra[0]} beside an expression; give them to the parameters that it reads")
-    tree = prepared(parse(entry["value"]), shapes)
+    if at_start and (extra := [key for key in SIZES if key in entry]):
+        raise InputError(f"has {extra[0]} beside an expression; give it to the parameters that it reads")
+    tree, about = prepared(parse(entry["value"]), shapes), str(entry.get("description", "")).strip()
     unit = parse_unit(entry["unit"]) if "unit" in entry else None
-    values = Values(dims, unit, tree=tree, description=str(entry.get("description", "")).strip())
     if at_start:
-        return values
+        return Values(dims, tree=tree if unit is None else _times(tree, unit), description=about)
+    values = Values(dims, unit, tree=tree, description=about)
     return replace(values, spreads=_spreads(entry, Scale(unit_of(values)), shapes.shape(dims), dims))
+
+
+def _times(tree: Node, unit: Unit) -> Node:
+    """Return an expression times a unit, as one that has it itself: units of what it reads are not known yet."""
+    powers = [f"{constant_of(base)}**{power}" for base, power in zip(BASE, unit.dimension.powers, strict=True) if power]
+    return Binary("*", tree, parse("*".join([repr(float(unit.factor)), *powers])))
 
 
 def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
