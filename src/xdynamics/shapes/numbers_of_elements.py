@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from xdynamics.faults import InputError
 from xdynamics.shapes.extents import Shapes
 
 Whole = NDArray[np.int64]
+MOST_CHECKED = (
+    100_000  # numbers that are computed to check an expression; those of more are checked where they are used
+)
 
 
 def is_of_numbers(node: Node) -> bool:
@@ -26,19 +30,30 @@ def is_of_numbers(node: Node) -> bool:
     )
 
 
-def check_number_of_element(node: Along) -> None:
-    """Refuse the number of an element that changes along a motion.
+def check_number_of_element(node: Along, dims: tuple[str, ...], shapes: Shapes) -> None:
+    """Refuse the number of an element that changes along a motion, or is none of an element.
+
+    Parameters
+    ----------
+    node : Along
+        A `take`.
+    dims : tuple of str
+        Of the number.
+    shapes : Shapes
 
     Raises
     ------
     InputError
-        If it reads a quantity.
+        If it reads a quantity, or is beyond the last element.
     """
     if not is_of_numbers(number := node.arguments[1]):
         raise InputError(
             f"'{shown(node)}' (column {node.column}): the number of the element is '{shown(number)}', and may be made of"
             " index(dimension), size(dimension) and numbers alone"
         )
+    shape = shapes.shape(dims)
+    if prod(shape) <= MOST_CHECKED:
+        taken_numbers(node, dict(zip(dims, np.ix_(*map(np.arange, shape)), strict=True)), shapes)
 
 
 def counted(node: Node, shapes: Shapes) -> Node:
