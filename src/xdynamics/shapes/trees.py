@@ -187,7 +187,7 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
                 f" {'leave it out' if own == 'none' else 'take one of these'}"
             )
     if node.function == "take":
-        check_number_of_element(node, shapes.ordered(inner[1]), shapes)
+        check_number_of_element(node, shapes.ordered(set(inner[1])), shapes)
         return set(inner[0]) - {node.dims[0]} | set(inner[1])
     if node.function == "cross" and (size := shapes.extent(node.dims[0]).size) != OF_CROSS:
         raise InputError(
