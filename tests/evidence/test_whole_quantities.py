@@ -187,10 +187,24 @@ def test_many_numbers_are_judged_as_each_alone() -> None:
             own = (values[i], steps, 4.0, rounding[i], inside[i], events[i])
             one = judge(*own, kink=kinks[i], **asked)
             assert repr((one.verdict, one.limit, one.uncertainty, one.rule)) == repr(
-                (int(many.verdict[i]), float(many.limit[i]), float(many.uncertainty[i]), str(many.rule[i]))
+                (
+                    int(many.verdict[i]),
+                    float(many.limit[i]),
+                    float(many.uncertainty[i]),
+                    UNCERTAINTY_RULES[many.rule[i]],
+                )
             )
             found.add(one.rule)
     assert found == {*UNCERTAINTY_RULES}
+
+
+def test_a_judgement_names_its_rules_by_number() -> None:
+    """Assert that verdict, limit, uncertainty and rule take 18 bytes of each of many numbers, and that rules differ."""
+    values = 1.0 + np.array([[0.1, 0.01, 0.001], [0.1, 0.2, 0.0], [np.nan] * 3])
+    judged = judge(values, 0.5 ** np.arange(3.0), 4.0, 0.0, 0.0, 0.0)
+    found = judged.verdict, judged.limit, judged.uncertainty, judged.rule
+    assert sum(part.nbytes for part in found) == 18 * len(values)
+    assert len(set(judged.rule.tolist())) > 1
 
 
 def test_logs_of_many_wide_runs_are_short(chain: xd.Model) -> None:

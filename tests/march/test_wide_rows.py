@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
+from xdynamics.march.log import log_of
 
 CHAIN = """
 name = "chain"
@@ -75,3 +77,23 @@ def test_a_record_does_not_show_the_order_of_its_log(asked: dict[str, Any], monk
         assert set(run.variables) == set(other.variables)
         for name, values in run.variables.items():
             np.testing.assert_array_equal(values.values, other[name].values, strict=True)
+
+
+@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
+def test_rows_of_a_million_numbers_are_streamed_one_by_one(
+    asked: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that a stream of such rows has one log of one row, two where rows are left out, and the bits of others."""
+    watched, rows = asked["method"] == "bogacki_shampine", list[int]()
+    model = xd.Model.from_text(CHAIN + PASSAGE if watched else CHAIN)
+    usual = xd.simulate(model, **asked, path=tmp_path / "usual.nc")
+
+    def counted(layout: Any, settings: Any, count: int, *more: Any) -> Any:
+        rows.append(count)
+        return log_of(layout, settings, count, *more)
+
+    monkeypatch.setattr("xdynamics.archive.streaming.WIDE_NUMBERS", 1)
+    monkeypatch.setattr("xdynamics.march.runner.log_of", counted)
+    with usual, xd.simulate(model, **asked, path=tmp_path / "run.nc") as run:
+        assert [count for count in rows if count] == [1] * (1 + ("keep_every" in asked))
+        assert run.attrs["content_digest"] == usual.attrs["content_digest"]

@@ -67,11 +67,7 @@ def streamed(
     with Segments(place, march, resume=resume) as segments:
         with new_file(place, keeps=True, read_back=read_back) as writer:
             _fill(writer, march, segments, segments.rows() if len(segments) else before)
-            for variable, value in record.constants(march):
-                dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)
-                sizes = dict(zip(variable.dims, np.shape(value), strict=True))
-                writer.define(variable.name, variable.dims, dtype, variable.attributes, sizes)
-                writer.append(variable.name, np.asarray(value, dtype=dtype))
+            _write_constants(writer, march)
             for name, attributes in record.followed_tolerances(march).items():
                 writer.describe(name, attributes)
             writer.finish(provenance.attributes(march))
@@ -91,7 +87,8 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
         if len(segments):
             segments.go_on(writer)
     pending: list[Future[None]] = []
-    with ThreadPoolExecutor(1) as pool, closing(march.blocks(_rows(march), segments.patience)) as blocks:
+    rows_of_block = _rows(march)
+    with ThreadPoolExecutor(1) as pool, closing(march.blocks(rows_of_block, segments.patience)) as blocks:
         for block in blocks:
             if not writer.filled:
                 sizes = _sizes(block) if march.is_over and not march.waits else {}
@@ -102,12 +99,23 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
             writer.hash(parts)
             if segments.due and march.unfinished:
                 pending.append(pool.submit(segments.keep, writer, march.memory(), writer.digests()))
+            if rows_of_block == 1:  # the next one is marched into the same
+                _settle(pending)
         _settle(pending)
     if march.unfinished:
         segments.keep(writer, march.memory(), writer.digests())
     if (rest := march.rest()) is not None:  # the end of an interrupted march
         for column in spec:
             writer.append(column.variable.name, column.take(rest))
+
+
+def _write_constants(writer: Writer, march: March) -> None:
+    """Write what has no rows: none of it is held while the attributes are found."""
+    for variable, value in record.constants(march):
+        dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)
+        sizes = dict(zip(variable.dims, np.shape(value), strict=True))
+        writer.define(variable.name, variable.dims, dtype, variable.attributes, sizes)
+        writer.append(variable.name, np.asarray(value, dtype=dtype))
 
 
 def _define(writer: Writer, spec: Sequence[record.Column], march: March, sizes: Mapping[str, int]) -> None:

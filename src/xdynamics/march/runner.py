@@ -143,17 +143,17 @@ class March:
         Parameters
         ----------
         rows : int, optional
-            Rows of a block. Two logs are filled in turn, so a block may be used until the next but one is requested.
-            By default every block is new, and one holds the run if possible; where rows or columns are left
-            out, blocks are small and filled in turn.
+            Rows of a block. Two logs are filled in turn, so a block may be used until the next but one is requested;
+            of one row there is one, to be done with before the next. By default every block is new, and one holds
+            the run if possible; where rows or columns are left out, blocks are small and filled in turn.
         patience : float, s
             After about this time a block is yielded as it is.
         """
-        thinning, logs = self.thinning, 2
+        thinning = self.thinning
         if rows is None and (thinning or self.settings.partial):
             most = THINNED_BLOCK if thinning else COPIED_BLOCK
             rows = min(most, max(1, RECYCLED_NUMBERS // self.layout.row.size))
-            logs = 1 if rows == 1 and not thinning else 2  # a row of a million numbers is copied before the next
+        logs = 1 if rows == 1 and not thinning else 2
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with ending_at_interrupt(self._end_here), self._memory():

@@ -20,6 +20,7 @@ GATES = ("passed", "failed")
 ROLE = "refinement"
 RULES = {rule: rule.replace(" ", "_").replace(":", "") for rule in UNCERTAINTY_RULES}  # by the words of their flags
 RULE_WORDS = sorted(RULES.values())
+RULE_NUMBERS = np.array([RULE_WORDS.index(RULES[rule]) for rule in UNCERTAINTY_RULES], np.int8)
 
 Subject = tuple[str, str, str, tuple[str, ...]]  # name, units, long name and dimensions of a number
 
@@ -163,19 +164,11 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
             about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
         ),
         f"uncertainty_rule_{name}": (
-            *once(_rule_numbers(judged.rule), np.int8),
+            *once(RULE_NUMBERS[judged.rule], np.int8),
             about("1", f"rule by which the uncertainty of {name} was found", "flag")
             | flags(dict(enumerate(RULE_WORDS))),
         ),
     }
-
-
-def _rule_numbers(rules: NDArray[np.str_]) -> NDArray[np.int8]:
-    """Return the numbers of rules among the words of their flag."""
-    numbers = np.zeros(rules.shape, np.int8)
-    for rule, word in RULES.items():
-        numbers[rules == rule] = RULE_WORDS.index(word)
-    return numbers
 
 
 def _judgement(number: Watched, levels: Levels, accepted: int) -> Judged:

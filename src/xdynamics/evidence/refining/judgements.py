@@ -71,8 +71,8 @@ class Judged:
         Of values with ever smaller steps; nan if it is not known.
     uncertainty : float, or ndarray
         Of the finest value, at about 95 %.
-    rule : str, or ndarray of str
-        How the uncertainty is estimated.
+    rule : str, or ndarray of int
+        How the uncertainty is estimated: one of `UNCERTAINTY_RULES`, of many numbers its index there.
     """
 
     verdict: Any
@@ -125,8 +125,8 @@ def judge(
     if not shape:
         limit, uncertainty = float(judging.limit[0]), float(judging.uncertainty[0])
         return Judged(int(judging.verdict[0]), limit, uncertainty, UNCERTAINTY_RULES[judging.rule[0]])
-    rules = np.array(UNCERTAINTY_RULES)[judging.rule]
-    return Judged(*(found.reshape(shape) for found in (judging.verdict, judging.limit, judging.uncertainty, rules)))
+    many = judging.verdict, judging.limit, judging.uncertainty, judging.rule
+    return Judged(*(found.reshape(shape) for found in many))
 
 
 class _Judging:
