@@ -146,6 +146,30 @@ def test_a_heap_comes_to_rest(heap: Any) -> None:
     assert float(heap.total_energy[-1]) < 0.6 * float(heap.total_energy[0])
 
 
+@pytest.mark.dear
+def test_a_hundred_rough_discs_come_to_rest() -> None:
+    """Assert that a heap of more links than pivots are for lies still, and that floor and walls carry it."""
+    text = (
+        PILE.read_text()
+        .replace("disc = 24", "disc = 100")
+        .replace('width = { value = "0.7 m"', 'width = { value = "1.505 m"')
+    )
+    wider = text.replace("disc), 6)", "disc), 13)").replace("disc)/6)", "disc)/13)")
+    run = xd.simulate(xd.Model.from_text(wider), until="2 s", **STEPPED)
+    assert run.attrs["run_outcome"] == "completed"
+    last = run.closed_step.values == run.sizes["step"] - 1
+    assert last.sum() > 128  # four unknowns each are more than 512
+    assert max(np.abs(run[name].values[-1]).max() for name in ("v_x", "v_y", "v_theta")) < 1e-9
+    names = run.closed_contact.attrs["flag_meanings"].split()
+    contact, force = run.closed_contact.values[last], run.closed_force.values[last]
+    drag = run.closed_friction_force.values[last]
+    lifted = force[contact == names.index("floor")].sum() + sum(
+        drag[contact == names.index(wall)].sum() for wall in ("left", "right")
+    )
+    mass = 25 * np.pi * run.radius.values**2
+    assert lifted == pytest.approx(9.80665 * mass.sum(), rel=1e-7)
+
+
 def test_a_heap_is_marched_again_from_its_record(pile: xd.Model, heap: Any, tmp_path: Path) -> None:
     """Assert the bits of a run that is extended, completed from its states, and reproduced; rows as samples give them."""
     part = xd.simulate(pile, method="moreau_jean", step="2 ms", until="0.3 s")

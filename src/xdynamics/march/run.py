@@ -222,8 +222,7 @@ class Run:
     arguments: Passing[Floats]  # rates of events, then what tables are looked up at; see `Layout.tracked`
     resets: Passing[Floats]  # values to which events and controllers set the state
     targets: Given[Lists]  # event, or -1 - action of a controller, and place in the state of each
-    # the actions of controllers at the start, at each node and at the end, as bits; none without any
-    ticks: Given[Whole]
+    ticks: Given[Whole]  # actions of controllers at the start, at each node and the end, as bits; none without any
     alarms: Given[Whole]  # the periodic events there, in the same way
     piece: Passing[Pieces]
     near: Passing[Floats]  # states and event functions at the ends of a piece
@@ -233,8 +232,7 @@ class Run:
     far: Passing[Floats]
     far_g: Passing[Floats]
     entered: Passing[Floats]  # the side of every event function where the piece begins
-    # how long before the step its zero may be, where the march landed on another event near it
-    pending: Passing[Floats]
+    pending: Passing[Floats]  # how long before the step its zero may be, where the march landed on another near it
     branches: Passing[Columns]  # right ends of pieces still to be searched: step, state, event functions
     rows: Given[Lists]  # by `kernels.interval_program`: the event functions, to be computed with intervals
     numbers: Given[Floats]
@@ -300,6 +298,9 @@ class Run:
     shares: Passing[Floats]  # forces of closed links, along each row, as they were shared last
     swing: Scratch[Floats]  # what forces of links do to all coordinates
     chains: Scratch[Whole]  # rows of equations that read the same coordinate; see `march.assembly.direct_solution`
+    stiffened: Scratch[Columns]  # masses with what links add to them, factored; see `march.assembly.banded_factors`
+    changes: Scratch[Columns]  # of these since they were factored
+    ordering: Scratch[Lists]  # of coordinates in these
     of_time: Given[Whole]  # drives of time
     delays: Given[Delays]
     book: Books  # of the past, where there are delays

@@ -13,6 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, law_of
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
+from xdynamics.march.assembly.banded_factors import CHANGE, MOST_CHANGES, ORDERS, WIDEST
 from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS, TALLIES
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE
@@ -39,6 +40,7 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
     "touching": np.zeros((0, NUMBERS)),
     "reads": np.zeros((0, 0), np.int64),
     "held": np.zeros((0, 4), np.int64),
+    "ordering": np.zeros((0, 0), np.int64),
     **{
         name: np.zeros(0, np.int64)
         for name in (
@@ -57,7 +59,9 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
     },
     **{name: np.zeros(0) for name in ("greatest", "loads", "pulls", "remains", "shares", "swing")},
     **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
-    **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors", "paths", "margins")},
+    **{
+        name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors", "paths", "margins", "stiffened", "changes")
+    },
 }
 
 
@@ -125,9 +129,21 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "shares": np.zeros(2 * most if rows_each == 2 else 0),
         "swing": np.zeros(n),
         "chains": np.zeros(n + 2 * most * widest if rows_each == 2 else 0, np.int64),
-        **_problem(MOST_LEMKE if rows_each == 1 else max(MOST_LEMKE, min(4 * most, MOST_UNKNOWNS))),
+        **_systems(n, most, rows_each, not law.scheme.method.stepper.locates),
     }
     return arrays, patterns
+
+
+def _systems(n: int, most: int, rows_each: int, steps: bool) -> dict[str, NDArray[Any]]:
+    """Return room for systems of links; where these have friction and are stepped over, for a band of n coordinates too."""
+    unknowns = MOST_LEMKE if rows_each == 1 else max(MOST_LEMKE, min(4 * most, MOST_UNKNOWNS))
+    band = n if steps and rows_each == 2 else 0
+    return _problem(unknowns) | {
+        "solution": np.zeros(max(band, unknowns)),
+        "stiffened": np.zeros((band, max(0, 2 * min(band, WIDEST) - 1))),
+        "changes": np.zeros((MOST_CHANGES, CHANGE + band)),
+        "ordering": np.zeros((ORDERS, band), np.int64),
+    }
 
 
 def _problem(unknowns: int) -> dict[str, NDArray[Any]]:

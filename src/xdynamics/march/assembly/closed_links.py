@@ -22,10 +22,12 @@ State = NDArray[Any]
 # solution; its gap and rate, the size of the terms of the gap, and of its derivatives; of `normal_forces`: bounds of
 # the solution; of a row along a slip: friction over the normal force, the most of it while there is no slip, and what
 # it is where there is; the scale of a row while it holds; the impulse that a link gives back whatever the solution, by
-# which friction is bounded, too; the rest is of `friction`
+# which friction is bounded, too; of `lemke_path`: what a link does, rates without impulses, others that are added to these,
+# impulses and rates, and how these change as the others do; the rest is of `friction`
 SCALE, RIGHT, X, GAPS, RATES, ROUGHLY, STEEP, RESIDUE, WAY, IMAGE, WAY_IMAGE = range(11)
 LEAST, MOST, GRIP, DRAG, OWN_SCALE, LOAD, GIVEN, RATIO, AMISS, TRIED, TRIED_WAY, FIRST_X, RETURNED = range(11, 24)
-VECTORS = 24
+PIECE, FREE, TOWARD, FORCE, FORCE_SLOPE, RATE, RATE_SLOPE = range(24, 31)
+VECTORS = 31
 PATHS = 48  # directions in which forces of links that hold and drag are solved for at once
 FRICTIONLESS, STICKS, SLIDES_ON, SLIDES_BACK = range(4)  # what a closed link does along its slip
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.banded_factors import order_coordinates
 from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.closed_links import (
     AMISS,
@@ -33,6 +34,7 @@ from xdynamics.march.assembly.closed_links import (
     closed_from,
     rows_of_closed,
 )
+from xdynamics.march.assembly.lemke_path import come_nearer, follow_from_far, follow_from_near
 from xdynamics.march.assembly.normal_forces import (
     ALLOWED,
     ENOUGH,
@@ -55,6 +57,9 @@ FEWEST_SETS = 3  # tried even where they do not come nearer to a solution
 SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at once
 # of sweeps for impulses over a step: how far beyond, by how much less in each stage, the change at which they may end
 RELAXATION, RELAXED_LESS, SETTLED = 1.6, 0.3, 1e-12
+PASSABLE = 1e-6  # residual of impulses over a step with which they are taken
+MOST_STARTS, SWEEPS_BETWEEN = 4, 64  # of paths from where sweeps have come to
+MOST_NEARER = 6  # turns of taking impulses for what they are nearly
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
 
@@ -131,9 +136,10 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
 def relax_all(run: Run, first: int, rows: int) -> float:
     """Do so by changes beyond what is to change, for impulses of steps whose own error is far larger.
 
-    Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not.
+    Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not. More
+    links than pivots are for are solved for along Lemke's path, and fewer of them where nothing else did.
     """
-    attempt = 8
+    attempt, many = 8, 2 * rows > run.problem.shape[0] and order_coordinates(run, first, rows) > 0
     for turn in range(1, 4 * MOST_SWEEPS + 1):
         stage = (turn - 1) // MOST_SWEEPS
         relaxation = RELAXATION - RELAXED_LESS * stage
@@ -142,11 +148,38 @@ def relax_all(run: Run, first: int, rows: int) -> float:
         if change <= SETTLED and (change <= ENOUGH or outside(run, first, rows) <= 8.0 * SETTLED):
             break
         if turn == attempt:
-            attempt = 2 * turn
+            attempt, last = 2 * turn, turn == SWEEPS_BEFORE_PIVOTS
             bound_all(run, first, rows)
-            if settle(run, first, rows) or (turn == SWEEPS_BEFORE_PIVOTS and pivots_settle(run, first, rows)):
+            if many:
+                if last and path_settles(run, first, rows):
+                    break
+            elif settle(run, first, rows) or (last and pivots_settle(run, first, rows)):
                 break
-    return outside(run, first, rows)
+    left = outside(run, first, rows)
+    return outside(run, first, rows) if left > PASSABLE and path_settles(run, first, rows) else left
+
+
+@shared
+def path_settles(run: Run, first: int, rows: int) -> bool:
+    """Solve along Lemke's path, then nearer and nearer; whether the result is a solution."""
+    n, found = order_coordinates(run, first, rows), False
+    for start in range(MOST_STARTS if n > 0 else 0):
+        for _ in range(SWEEPS_BETWEEN if start > 0 and not found else 0):
+            sweep(run, first, rows, RELAXATION, False)
+        found = found or follow_from_near(run, first, rows, n)
+    if n == 0 or not (found or follow_from_far(run, first, rows, n)):
+        return False
+    best = outside(run, first, rows)
+    for _ in range(MOST_NEARER):
+        if best <= 8.0 * SETTLED or not come_nearer(run, first, rows, n):
+            break
+        left = outside(run, first, rows)
+        if not left < best:
+            for row in range(first, first + rows):
+                run.vectors[X, row] = run.vectors[TRIED, row]
+            break
+        best = left
+    return best <= PASSABLE
 
 
 @shared
