@@ -149,11 +149,11 @@ def test_what_is_not_understood_stays() -> None:
     before = Program(
         "one",
         "About.",
-        (copy("y", "a"), copy("y", "b"), gathered, copy("b", "e")),
+        (copy("y", "e"), copy("y", "a"), copy("y", "b"), gathered, copy("b", "e")),
         local={"a": 5, "b": 5},
         tables={"numbers": (4, 3, 2, 1, 0)},
     )
     after = with_shared_storage(before, {}, GIVEN, 2)
     plain, other = (executed([text], "one", SIZES) for text in (before, after))
     assert all(values.tobytes() == other[array].tobytes() for array, values in plain.items())
-    assert sum(after.local.values()) == 5
+    assert sum(after.local.values()) == 10
