@@ -126,6 +126,22 @@ def test_every_model_is_written_in_formulas(path: Path) -> None:
     assert {*stated.parameters, *stated.arrays, *at_start} <= {re.sub(r"\[.*?\]|, along .*", "", row) for row in rows}
 
 
+def test_elements_that_are_alike_have_one_row() -> None:
+    """Assert that 32 sites at rest are one row of the table of numbers, and that one that moves has all written out."""
+    text = (MODELS / "fermi_pasta_ulam.toml").read_text(encoding="utf-8")
+
+    def rows(model: xd.Model) -> list[list[str]]:
+        tables = [one for one in of_model(model) if isinstance(one, TextTable)]
+        return [list(row) for table in tables for row in table.rows if row[0].startswith("v_u")]
+
+    model = xd.Model.from_text(text)
+    ((name, value, *_),) = rows(model)
+    assert (name, value) == ("v_u at the start, along site, 32 alike", "0.0 m s-1")
+    moving = rows(model.replace(initial={"v_u[3]": "2 m s-1"}))
+    assert len(moving) == 32
+    assert moving[3][:2] == ["v_u[3] at the start", "2.0 m s-1"]
+
+
 @pytest.mark.dear
 def test_formulas_of_elements_are_one_formula() -> None:
     """Assert that a chain of 5,000 sites is written in as many formulas as quantities, with places of a shift in them."""

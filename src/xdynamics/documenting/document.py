@@ -106,8 +106,8 @@ def _result(certificate: xr.Dataset) -> PageSection:
     statement = f"It fails {failed} of {len(verdicts)} gates." if failed else "It passes every gate."
     if unchecked:
         statement = (
-            f"{statement if failed else 'It fails none.'} Of {unchecked} it is not known whether it passes: more draws"
-            " tell."
+            f"{statement if failed else 'It fails none.'} {'One is' if unchecked == 1 else f'{unchecked} are'} not decided:"
+            " the table says what would decide."
         )
     return PageSection(
         "What it has to pass", [Words(statement), TextTable(["gate", "verdict", "what was looked at"], rows)]
@@ -256,9 +256,9 @@ def _ledger(ledger: xr.Dataset) -> PageSection:
         [
             str(name),
             verdict,
-            f"{_number(float(residual))} {unit}",
+            f"{_number(float(residual))}{unit_suffix(str(unit))}",
             _number(float(scaled)),
-            f"{_number(float(bound))} {unit}",
+            f"{_number(float(bound))}{unit_suffix(str(unit))}",
             str(relation),
         ]
         for name, verdict, residual, scaled, bound, unit, relation in zip(
@@ -279,7 +279,10 @@ def _ledger(ledger: xr.Dataset) -> PageSection:
     )
     return PageSection(
         "The method's ledger",
-        [Words(summary), TextTable(["case", "verdict", "residual", "scaled", "bound", "closed form"], rows)],
+        [
+            Words(summary),
+            TextTable(["case", "verdict", "residual", "residual over scale", "bound", "closed form"], rows),
+        ],
     )
 
 

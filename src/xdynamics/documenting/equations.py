@@ -116,9 +116,16 @@ def _numbers(model: Model) -> Iterator[list[str]]:
             if own is not None and (own.tree is not None or len(own.numbers) > MOST_LISTED):
                 yield _whole(f"{name}{when}{_along(model, name)}", own)
                 continue
+            parts = {}
             for element in model.shapes.elements(name):
                 part = model.parameters[element] if not when else model.starts.get(element)
-                yield _number(f"{spoken(element)}{when}", part or Parameter(model.initial[element]))
+                parts[element] = part or Parameter(model.initial[element])
+            first, *others = parts.values()
+            if others and all(part == first for part in others):
+                yield _number(f"{name}{when}{_along(model, name)}, {len(parts)} alike", first)
+                continue
+            for element, part in parts.items():
+                yield _number(f"{spoken(element)}{when}", part)
 
 
 def _whole(name: str, values: Values) -> list[str]:

@@ -85,7 +85,7 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("closed_gap, closed_force", "closed", "its gap and its normal force; a row for each link and step"),
     ("closed_friction_force", "closed", "its friction along positive slip, where a contact has any"),
     ("closed_friction_state", "closed", "what it does along it: steps go on from there, not from states alone"),
-    ("closed_force_residual", "closed", "what the equations of all forces left: acceleration of its gap"),
+    ("closed_force_residual", "closed", "residual of the contact equations: acceleration of its gap, ideally 0"),
     ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
     (
         ", ".join(map(schema.label_of, ("<dimension>", schema.logged_of("<dimension>")))),

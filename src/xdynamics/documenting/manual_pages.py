@@ -71,7 +71,7 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   nothing: over each step a contact that is closed in its middle has one impulse, by Newton's law
   with friction, and bodies overlap by what they approach in a step. Its force in a row is the
   mean over the step before it, and acts all through the step in states that are sampled there;
-  closed_force_residual is what the equations of all impulses left, at most 1e-6 of rates.
+  closed_force_residual is the residual of the equations for all impulses, at most 1e-6 of rates.
 Implicit methods solve given steps until corrections are below solver_newton_tolerance of their
   unknowns, or, where large forces cancel, of what rounding of the state does to these.
 Limits  Contacts have 24 forces at most, if they are not of a dimension or a relation; law =

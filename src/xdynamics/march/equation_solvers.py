@@ -122,7 +122,10 @@ def _newton_sizes(law: Law) -> dict[str, float]:
 
 
 def _simplified_sizes(law: Law) -> dict[str, float]:
-    """Return what `_simplified_arrays` takes: of row exchanges a third is written to, of what laws see no stages."""
+    """Return the bytes of `_simplified_arrays` that a march touches, part by part.
+
+    Less than is allocated: a third of the array for row exchanges, and no stages in the memory that laws see.
+    """
     layout, used = law.layout, law.layout.used.size
     size = used - layout.coordinates.size
     system, height = _system(layout, size)

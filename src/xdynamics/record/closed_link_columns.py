@@ -113,10 +113,12 @@ def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
     ]
     if links.iterated:
         left = [spell(gap.dimension / about.model.time_unit.dimension**2) for gap in gaps]
-        left_over = "remaining acceleration of the gap, which is to be zero"
+        left_over = "acceleration of the gap that the computed forces leave, zero for an exact solution"
         if not about.located:
-            left_over = "what the gap's rate after the step differs from that of the impact law, over the step's length"
-        words = f"residual of the equations for all contact forces: {left_over}"
+            left_over = (
+                "difference between the rate of the gap after the step and that of the impact law, over the step"
+            )
+        words = f"residual of the contact equations: {left_over}"
         numbers.append(("force_residual", 4, left, words))
     if any_rubs(every):
         words = (

@@ -293,7 +293,7 @@ def _read(k: int, run: xr.Dataset, asked: tuple[Subjects, Common], *, finest: bo
     return Readings.of(run, *asked, k, finest=finest)
 
 
-def _study(subjects: Subjects, *found: Any) -> xr.Dataset:
-    """Compare the levels, in a task: outlines of all come first, then readings."""
-    count = len(found) // 2
-    return study_dataset(subjects, Findings.of(Study.of(subjects, found[:count], found[count:])), {})
+def _study(subjects: Subjects, *accounts: Any) -> xr.Dataset:
+    """Compare the levels, in a task: the outlines of all come first, then their readings."""
+    count = len(accounts) // 2
+    return study_dataset(subjects, Findings.of(Study.of(subjects, accounts[:count], accounts[count:])), {})

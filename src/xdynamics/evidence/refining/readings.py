@@ -115,7 +115,7 @@ class Common:
         By the name of an event, for each level: those of its events that have a partner in the finest level, and the
         numbers of these.
     occurrences : int
-        How many of every event are told.
+        How many occurrences of every event are compared.
     """
 
     times: Floats
@@ -222,13 +222,13 @@ def _states_after(
     """Return states after events, and how far their location may have them off, by the names of the numbers compared."""
     after, before = run.variables["event_row_after"].values[events], run.variables["event_row_before"].values[events]
     uncertainty = run.variables["event_time_uncertainty"].values[events]
-    (detector, place), whole, found = subjects.event_place(event), whole_of(run), {}
+    (detector, place), whole, values = subjects.event_place(event), whole_of(run), {}
     for state in subjects.compared_after(detector, occurrences):
-        if state.is_told_at(place):
-            taken = state.taken(place)
-            states, rates = (column(whole, name).isel(taken) for name in (state.state, _rate_of(whole, state.state)))
-            found[state.name] = states[after].values, (np.abs(rates[before].values).T * uncertainty).T
-    return found
+        if state.has_value_at(place):
+            selected = state.selection(place)
+            states, rates = (column(whole, name).isel(selected) for name in (state.state, _rate_of(whole, state.state)))
+            values[state.name] = states[after].values, (np.abs(rates[before].values).T * uncertainty).T
+    return values
 
 
 def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:

@@ -47,7 +47,7 @@ DIFFERENT_MOTIONS = (
     "From the first that only one of them met they are different motions, whose orders and limits mean nothing: compare at an"
     " earlier time, or compare averages over many starts, by a sweep"
 )
-SAID = {"left_out": "left out", "stopped": "stopped"}  # attributes that are told as they are
+SAID = {"left_out": "left out", "stopped": "stopped"}  # attributes that are printed as they are
 
 
 def refine(
@@ -272,8 +272,8 @@ def lines_of(study: xr.Dataset) -> list[str]:
     for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
         quantity, labels = parted(name)
         shown[quantity] += 1
-        told = not labels or shown[quantity] <= _most(quantity, counts[quantity])
-        lines += _of_number(study, name, spoken(name)) if told else []
+        if not labels or shown[quantity] <= _most(quantity, counts[quantity]):
+            lines += _of_number(study, name, spoken(name))
     further: dict[int, list[str]] = {}
     for quantity, count in counts.items():
         further.setdefault(count - _most(quantity, count), []).append(quantity)
@@ -290,7 +290,7 @@ def lines_of(study: xr.Dataset) -> list[str]:
 
 
 def _most(quantity: str, count: int) -> int:
-    """Return how many of the elements of a quantity are told of: of many after events fewer."""
+    """Return how many elements of a quantity have lines of their own: fewer for states after the events of many."""
     return MOST_AFTER if quantity.startswith(AFTER) and count > FEW_AFTER else MOST_ELEMENTS
 
 
@@ -307,8 +307,10 @@ def _events_apart(study: xr.Dataset) -> list[str]:
     }
     if not (unknown and counts):
         return []
-    told = ", ".join(f"{spoken(name)} {one} and {other}" for name, (one, other) in list(counts.items())[:MOST_ELEMENTS])
-    return [f"attention: the two finest levels did not meet the same events ({told} times). {DIFFERENT_MOTIONS}"]
+    pairs = ", ".join(
+        f"{spoken(name)} {one} and {other}" for name, (one, other) in list(counts.items())[:MOST_ELEMENTS]
+    )
+    return [f"attention: the two finest levels did not meet the same events ({pairs} times). {DIFFERENT_MOTIONS}"]
 
 
 def _is_met(study: xr.Dataset, name: str) -> bool:

@@ -27,7 +27,7 @@ class StateAfter:
     element : mapping of str to int
         The place of a single element; empty for a quantity.
     every : bool
-        Whether all elements are told at the event of each; else only those that the event is of.
+        Whether there is a value for every element at the event of each; else only for the element that the event is of.
     """
 
     detector: str
@@ -45,7 +45,7 @@ class StateAfter:
     @property
     def long_name(self) -> str:
         """What it is, in words."""
-        return f"{self.state} after {self.detector}{' of any element' if self.every else ''}"
+        return f"{self.state} after {f'the event {self.detector} of each element' if self.every else self.detector}"
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -54,7 +54,7 @@ class StateAfter:
 
     @property
     def of_events(self) -> tuple[str, ...]:
-        """Dimensions of the detector along which the number is told."""
+        """Dimensions of the detector that the number has too."""
         return tuple(dim for dim in self.along if self.every or dim not in self.shared)
 
     @property
@@ -63,18 +63,18 @@ class StateAfter:
         named = (at_event(dim) if dim in self.shared else dim for dim in self.of_events)
         return (OCCURRENCE, *named, *self.dims)
 
-    def is_told_at(self, event: Mapping[str, int]) -> bool:
-        """Whether the number is told at the event of an element."""
+    def has_value_at(self, event: Mapping[str, int]) -> bool:
+        """Whether the number has a value at the event of an element."""
         return self.every or all(self.element.get(dim, number) == number for dim, number in event.items())
 
-    def taken(self, event: Mapping[str, int]) -> dict[str, int]:
-        """Return which elements of the quantity are told at the event of an element."""
+    def selection(self, event: Mapping[str, int]) -> dict[str, int]:
+        """Return which elements of the quantity have a value at the event of an element; empty for all of them."""
         return {} if self.every else {dim: number for dim, number in event.items() if dim in self.dims}
 
     def index(self, event: Mapping[str, int]) -> tuple[Any, ...]:
-        """Return where these are among the numbers of one occurrence."""
-        taken = self.taken(event)
-        return (*(event[dim] for dim in self.of_events), *(taken.get(dim, slice(None)) for dim in self.dims))
+        """Return where their values are among those of one occurrence."""
+        selected = self.selection(event)
+        return (*(event[dim] for dim in self.of_events), *(selected.get(dim, slice(None)) for dim in self.dims))
 
     def fits(self, shapes: Shapes, levels: int, occurrences: int) -> bool:
         """Whether the number has few enough values over all levels; `shapes` with the dimensions of events."""

@@ -199,7 +199,7 @@ class Study:
         if state is None:
             return when(number.name.removeprefix(EVENT_TIME))
         whole = np.full(number.values.shape[:-1], np.inf)
-        for event in self._told_of(state):
+        for event in self._events_of(state):
             place = (slice(None), *state.index(self.subjects.event_place(event)[1]))
             whole[place] = when(event).reshape(-1, *[1] * (whole[place].ndim - 1))
         return whole
@@ -224,10 +224,8 @@ class Study:
     @cached_property
     def states_after(self) -> list[StateAfter]:
         """What is compared after events."""
-        found = self.subjects
-        return [
-            state for detector in self._detectors for state in found.compared_after(detector, self.common.occurrences)
-        ]
+        subjects, occurrences = self.subjects, self.common.occurrences
+        return [state for detector in self._detectors for state in subjects.compared_after(detector, occurrences)]
 
     @property
     def left_out(self) -> str:
@@ -329,7 +327,7 @@ class Study:
                 state,
                 {
                     event: [level.after[event][state.name][i] for level in self.readings]
-                    for event in self._told_of(state)
+                    for event in self._events_of(state)
                 },
             )
             for i in (0, 1)
@@ -338,10 +336,10 @@ class Study:
         moved = np.zeros(values.shape[:-1])
         return Watched(*self.subjects.after_event(state), values, errors, self._rounding(values), moved, scale)
 
-    def _told_of(self, state: StateAfter) -> list[str]:
-        """Return the events at which a state is told: those of all elements, or of that which is asked for."""
+    def _events_of(self, state: StateAfter) -> list[str]:
+        """Return the events after which a state is compared: those of all elements, or of the one that is asked for."""
         events = {event: self.subjects.event_place(event) for event in self.met()}
-        return [event for event, (own, place) in events.items() if own == state.detector and state.is_told_at(place)]
+        return [event for event, (own, place) in events.items() if own == state.detector and state.has_value_at(place)]
 
     def _spread(self, state: StateAfter, by_event: Mapping[str, list[Floats]]) -> Floats:
         """Return numbers of every level at the events of elements as one array: occurrences first, levels last."""

@@ -49,7 +49,7 @@ class Subjects:
     occurrences : int, optional
         How many occurrences of every event are compared; by default as many as the finest run has.
     defects : bool
-        Whether local errors of single steps are told.
+        Whether local errors of single steps are computed.
     """
 
     levels: Levels
@@ -139,15 +139,15 @@ class Subjects:
     @cached_property
     def states_after(self) -> dict[str, list[StateAfter]]:
         """The states that are compared after the events of each detector, of whatever size."""
-        model, found = self.levels.model, dict[str, list[StateAfter]]()
+        model, compared = self.levels.model, dict[str, list[StateAfter]]()
         for detector, event in {parted(name)[0]: name for name in self.detectors}.items():
             # contacts of many links have dimensions, and one detector for all
             along = model.shapes.dims.get(detector, ()) if DOT in event else ()
             states = [StateAfter(detector, name, along, *self._dims_and_place(name)) for name in self.after_events]
-            found[detector] = [
+            compared[detector] = [
                 each for own in states for each in (own, *([replace(own, every=True)] if own.shared else []))
             ]
-        return found
+        return compared
 
     def _dims_and_place(self, name: str) -> tuple[tuple[str, ...], dict[str, int]]:
         """Return the dimensions of a quantity, or the place of an element, of what the method integrates."""
@@ -173,7 +173,7 @@ class Subjects:
     @cached_property
     def shapes(self) -> Shapes:
         """The model's shapes, with those of states after events."""
-        states = [state for found in self.states_after.values() for state in found]
+        states = [state for after in self.states_after.values() for state in after]
         return with_events(self.levels.model.shapes, states if self.occurrences != 0 else [])
 
     def observable(self, name: str) -> Subject:
