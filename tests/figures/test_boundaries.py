@@ -126,6 +126,53 @@ def test_pictures_have_discs_as_large_as_they_are() -> None:
     assert high >= (heights + run.radius.values).max()
 
 
+APART = """
+name = "discs between walls, and a chain of balls"
+[dimensions]
+disc = 3
+[relations.pair]
+of = "disc"
+[relations.next]
+of = "disc"
+neighbours = 1
+[coordinates]
+x = { unit = "m", dims = ["disc"] }
+y = { unit = "m", dims = ["disc"] }
+[parameters]
+radius = { dims = ["disc"], value = [0.1, 0.15, 0.12], unit = "m" }
+[mass]
+x = "1*kilogram"
+y = "1*kilogram"
+[contacts.floor]
+gap = "y - radius"
+restitution = 1
+[contacts.discs]
+gap = "hypot(second(x, pair) - first(x, pair), second(y, pair) - first(y, pair)) - first(radius, pair) - second(radius, pair)"
+restitution = 1
+[initial]
+x = { unit = "m", value = [0.2, 0.5, 0.8] }
+y = { unit = "m", value = [0.2, 0.5, 0.2] }
+v_x = { unit = "m s-1", value = [0.9, -0.2, -0.6] }
+v_y = { unit = "m s-1", value = [0.3, 0.1, 0.5] }
+"""
+
+
+def test_coordinates_called_as_axes_are_positions_of_bodies() -> None:
+    """Assert that x and y of discs are drawn as one vector is: discs of their radii in the plane, a floor, and their links."""
+    run = xd.simulate(xd.Model.from_text(APART), method="rk4", step="10 ms", until="0.1 s")
+    axes = xd.plot(run, only="plane").axes[0]
+    _, discs = (part for part in axes.collections if isinstance(part, EllipseCollection))
+    assert discs.get_widths() == pytest.approx([0.2, 0.3, 0.24], rel=1e-12)
+    assert discs.get_offsets() == pytest.approx(np.stack([run.x.values[-1], run.y.values[-1]], axis=-1), abs=1e-12)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
+    scene = scene_of(unfold(run), None)
+    assert isinstance(scene, Bodies)
+    assert [path.label for path in scene.view] == ["disc 0", "disc 1", "disc 2"]
+    assert [part.ends.tolist() for part in scene.fastenings] == [[[0, 1], [1, 2]]]
+    (floor,) = lines_of(scene)
+    assert floor[:, 1] == pytest.approx(np.zeros(len(floor)), abs=1e-12)
+
+
 def test_discs_that_fall_straight_are_seen_in_the_plane() -> None:
     """Assert that the picture of a box of discs, none of which moves across yet, shows the plane, and says what it leaves out."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), until="20 ms")

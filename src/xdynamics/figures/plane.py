@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -34,11 +34,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
+Axis = tuple[str, tuple[str, dict[str, int]]]  # what it is called; a coordinate, and its place along further dimensions
 
 POSITIONS = ("coordinate", "state")  # roles
 AXES = ("x", "y", "z")
 UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where they are alone
 _STEM = re.compile(r"([a-z]+?)_?(\d+|(?<=_)[a-z]\w*)", re.IGNORECASE | re.ASCII)  # `x` and `2`, `y` and `bob`
+_AXIS = re.compile(r"(?:(\w+)_)?[xyz]", re.ASCII)  # `x`, `bob_x`
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
@@ -126,27 +128,41 @@ def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
 
 
 def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
-    """Return the views of positions whose last dimension has two or three elements: all bodies together."""
+    """Return the views of positions along two or three axes: all bodies together."""
     shapes, pairs = model.shapes, []
-    for name, part in model.shaped.coordinates.items():
-        dims = part.dims
-        if len(dims) < 2 or shapes.extent(dims[-1]).size not in (2, SEEN) or not is_length(part.unit.text):
-            continue
-        axis = shapes.extent(dims[-1])
-        for i, j in combinations(range(axis.size), 2):
-            across, up = (f"{name}[{axis.label(number)}]" for number in (i, j))
+    for dims, units, axes in _positions(model):
+        for (across, on_x), (up, on_y) in combinations(axes, 2):
             view = []
-            for place in shapes.places(dims[:-1]):
-                ends = shapes.element(name, {**place, dims[-1]: i}), shapes.element(name, {**place, dims[-1]: j})
+            for place in shapes.places(dims):
+                ends = shapes.element(on_x[0], {**place, **on_x[1]}), shapes.element(on_y[0], {**place, **on_y[1]})
                 if any(end not in run for end in ends):
                     return []
                 (times, x), (_, y) = (_line(run, end) for end in ends)
-                labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
-                view.append(BodyPath(across, up, part.unit.text, times, x, y, labels, "", ends, ", ".join(dims[:-1])))
+                labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims)
+                view.append(BodyPath(across, up, units, times, x, y, labels, "", ends, ", ".join(dims)))
             sides = whole_frame([np.stack([path.x, path.y]) for path in view]).sides
             if min(sides) > THIN * max(sides):
                 pairs.append(view)
     return pairs
+
+
+def _positions(model: Model) -> Iterator[tuple[tuple[str, ...], str, list[Axis]]]:
+    """Yield the positions of bodies with their dimensions, their unit, and the quantity and place of each axis.
+
+    They are the last dimension of a coordinate, `r(disc, axis)`, or coordinates called as axes are: `x(disc)` and `y(disc)`.
+    """
+    apart: dict[tuple[str, tuple[str, ...], str], list[Axis]] = {}
+    for name, part in model.shaped.coordinates.items():
+        dims, axis = part.dims, _AXIS.fullmatch(name)
+        if not dims or not is_length(part.unit.text):
+            continue
+        extent = model.shapes.extent(dims[-1])
+        if axis:
+            apart.setdefault((axis[1] or "", dims, part.unit.text), []).append((name, (name, {})))
+        elif len(dims) > 1 and extent.size in (2, SEEN):
+            each = [(f"{name}[{extent.label(i)}]", (name, {dims[-1]: i})) for i in range(extent.size)]
+            yield dims[:-1], part.unit.text, each
+    yield from ((dims, units, axes) for (_, dims, units), axes in apart.items() if len(axes) > 1)
 
 
 def draw(
@@ -313,7 +329,9 @@ def _named(run: xr.Dataset, model: Model) -> list[BodyPath]:
     for pair, (x, y), body in zip(model.pictured.plane, places, called, strict=True):
         across, up = (spell(dimension_of(model.expanded(each), model.dimensions)).text for each in pair)
         other = up if up != across else ""
-        own = [part.name if isinstance(part, Name) and part.name in model.coordinates else "" for part in pair]
+        own = [
+            part.name if isinstance(part, Name) and part.name in model.statement.coordinates else "" for part in pair
+        ]
         bodies.append(
             BodyPath(text_of(pair[0]), text_of(pair[1]), across, times, x, y, body, other, names=(own[0], own[1]))
         )

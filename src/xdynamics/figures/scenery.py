@@ -112,20 +112,22 @@ def _related(model: Model, view: list[BodyPath]) -> list[Fastening]:
     A relation that a constraint holds is of rods. One that has a potential is of springs; these are lines where they are
     many, or so stiff that none changes its length by what could be seen: the bars of a truss.
     """
-    dims, found = next((part.dims for part in model.shaped.coordinates.values() if len(part.dims) > 1), ()), []
+    body, found = view[0].dims, list[Fastening]()
+    vectors = (part.dims for part in model.shaped.coordinates.values() if len(part.dims) == 2 and part.dims[0] == body)
+    axis = next(vectors, ("", ""))[1]
     held = {dim for name in model.shaped.constraints for dim in model.shapes.dims.get(name, ())}
     sprung = {force.over for force in model.shaped.forces.values() if force.potential is not None} - held
     for name, declared in model.shaped.relations.items():
         relation = model.shapes.relations[name]
         between = {relation.source, relation.target}
-        if len(dims) != 2 or dims[0] not in between or not (declared.table or declared.neighbours or name in held):
+        if body not in between or not (declared.table or declared.neighbours or name in held):
             continue
         count, anchors = min(len(view), MOST_BODIES), np.zeros((0, 2))
         ends = np.stack([relation.first, relation.second], axis=-1)
-        bodies = np.array([end == dims[0] for end in (relation.source, relation.target)])
+        bodies = np.array([end == body for end in (relation.source, relation.target)])
         ends = ends[(ends < count)[:, bodies].all(axis=-1)]
         if not bodies.all():
-            anchors = _fixed_places(model, (between - {dims[0]}).pop(), dims[1], view[0])
+            anchors = _fixed_places(model, (between - {body}).pop(), axis, view[0])
             ends[:, ~bodies] += count
         if not bodies.all() and not anchors.size:
             continue
@@ -141,7 +143,7 @@ def _fixed_places(model: Model, dim: str, axis: str, path: BodyPath) -> Floats:
         name
         for name, dims in shapes.dims.items()
         if dims == (dim, axis)
-        and (one := model.parameters.get(shapes.elements(name)[0])) is not None
+        and (one := model.statement.parameters.get(shapes.elements(name)[0])) is not None
         and one.quantity.unit.dimension == length.dimension
     ]
     if len(named) != 1:
