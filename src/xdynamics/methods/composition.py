@@ -10,6 +10,7 @@ from xdynamics.methods.method import Method
 from xdynamics.model import Trait
 
 REFUSES = (Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES)
+OF_HIGHER_ORDER = (*REFUSES, Trait.HELD_LINKS)  # of which order 2 would be left
 
 _HLW = "Hairer, Lubich, Wanner, Geometric Numerical Integration, 2nd ed., section V.3.2"
 _WORDS = (
@@ -163,7 +164,7 @@ RUTH3 = Method(
         "Ruth 1983, IEEE Trans. Nucl. Sci. 30, 2669, doi:10.1109/TNS.1983.4332919; Hairer, Norsett, Wanner I, section"
         " II.16"
     ),
-    refuses=(*REFUSES, Trait.CONSTRAINTS),
+    refuses=(*OF_HIGHER_ORDER, Trait.CONSTRAINTS),
 )
 
 # theta = 1/(2 - 2**(1/3)) and 1 - 2 theta
@@ -183,7 +184,7 @@ FOREST_RUTH = Method(
         "Forest, Ruth 1990, Physica D 43, 105, doi:10.1016/0167-2789(90)90019-L; Yoshida 1990, Phys. Lett. A 150, 262,"
         " doi:10.1016/0375-9601(90)90092-3; Hairer, Lubich, Wanner, section II.4, eq. (4.4)"
     ),
-    refuses=REFUSES,
+    refuses=OF_HIGHER_ORDER,
 )
 
 # xi, chi, 1 - 2 (xi + chi) and 1/2 - lambda, lambda, of lambda = -0.2123418310626054
@@ -200,7 +201,7 @@ PEFRL = Method(
     """),
     words=_WORDS.format("drift") + ", then the force",
     reference="Omelyan, Mryglod, Folk 2002, Comput. Phys. Commun. 146, 188, doi:10.1016/S0010-4655(02)00451-4",
-    refuses=(*REFUSES, Trait.CONSTRAINTS),
+    refuses=(*OF_HIGHER_ORDER, Trait.CONSTRAINTS),
 )
 
 YOSHIDA6 = Method(
@@ -218,7 +219,7 @@ YOSHIDA6 = Method(
     """),
     words=_WORDS.format("kick"),
     reference=f"Yoshida 1990, Phys. Lett. A 150, 262, doi:10.1016/0375-9601(90)90092-3; {_HLW}, eq. (3.11)",
-    refuses=REFUSES,
+    refuses=OF_HIGHER_ORDER,
 )
 
 KAHAN_LI6 = Method(
@@ -237,7 +238,7 @@ KAHAN_LI6 = Method(
     """),
     words=_WORDS.format("kick"),
     reference=f"Kahan, Li 1997, Math. Comp. 66, 1089, doi:10.1090/S0025-5718-97-00873-9; {_HLW}, eq. (3.12)",
-    refuses=REFUSES,
+    refuses=OF_HIGHER_ORDER,
 )
 
 YOSHIDA8 = Method(
@@ -265,7 +266,7 @@ YOSHIDA8 = Method(
         f" Sci. Comput. 16, 151, doi:10.1137/0916010; {_HLW}, eq. (3.13); the 15-stage form: Yoshida 1990, Phys. Lett."
         " A 150, 262, doi:10.1016/0375-9601(90)90092-3"
     ),
-    refuses=REFUSES,
+    refuses=OF_HIGHER_ORDER,
 )
 
 KAHAN_LI8 = Method(
@@ -288,7 +289,7 @@ KAHAN_LI8 = Method(
     """),
     words=_WORDS.format("kick"),
     reference=f"Kahan, Li 1997, Math. Comp. 66, 1089, doi:10.1090/S0025-5718-97-00873-9; {_HLW}, eq. (3.14)",
-    refuses=REFUSES,
+    refuses=OF_HIGHER_ORDER,
 )
 
 METHODS = (POSITION_VERLET, RUTH3, FOREST_RUTH, PEFRL, YOSHIDA6, KAHAN_LI6, YOSHIDA8, KAHAN_LI8)

@@ -40,7 +40,7 @@ EULER_CROMER = Method(
     """,
     words="velocity with the old acceleration, position with the new velocity, then the force",
     reference="Cromer 1981, Am. J. Phys. 49, 455, doi:10.1119/1.12478; Hairer, Lubich, Wanner, section I.1.2",
-    refuses=(Trait.NO_COORDINATES,),
+    refuses=(Trait.NO_COORDINATES, Trait.HELD_LINKS),  # a link that opened would close again
 )
 
 AVERAGED_VELOCITY = Method(

@@ -118,6 +118,7 @@ DPRKN6 = Method(
         Trait.COUPLED_MASS,
         Trait.COUPLED_STATES,
         Trait.NO_COORDINATES,
+        Trait.HELD_LINKS,
     ),
     estimate=_estimate(_read(_ROWS)),
     estimate_order=4,

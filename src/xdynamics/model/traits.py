@@ -7,11 +7,12 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from xdynamics.expressions import Node, free_names
+from xdynamics.expressions import Node, derivative, free_names
+from xdynamics.expressions.calculus import ONE
 from xdynamics.faults import few
 from xdynamics.model.controllers import held
 from xdynamics.model.elementwise import names_of
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Contact, Function
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.whole import acting, has_wholes, written_out
 from xdynamics.schema import velocity
@@ -31,6 +32,7 @@ class Trait(StrEnum):
     PYTHON_FORCES = "forces written in Python, which have no derivatives"
     CONSTRAINTS = "constraints, which its order does not survive"
     CONTACTS = "contacts and dry friction, whose forces it has no derivatives of"
+    HELD_LINKS = "contacts of many links along curved gaps, whose forces depend on velocities"
 
 
 @lru_cache(maxsize=64)
@@ -44,6 +46,7 @@ def traits_of(model: Model) -> dict[Trait, str]:
         * bool(model.python_forces),
         Trait.CONTACTS: [*dict.fromkeys(item.owner for item in reactions(model))],
         Trait.CONSTRAINTS: [*model.shaped.constraints],
+        Trait.HELD_LINKS: [name for name, contact in model.assemblies.items() if _turns(model, contact)],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
     coordinates, kept = names_of(model.coordinates), held(model.controllers, model.time_unit)
@@ -102,6 +105,17 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.most)]
     ]
     return forces + masses + pressed
+
+
+def _turns(model: Model, contact: Contact) -> bool:
+    """Whether links of a contact are ever held, along a direction or with friction that changes as bodies move."""
+    gap, coordinates = model.expanded(contact.gap), {*model.coordinates}
+    slopes = [derivative(gap, {name: ONE}) for name in free_names(gap) & coordinates]
+    moving = coordinates | set(map(velocity, coordinates))
+    rubs = [model.expanded(tree) for tree in (contact.friction, contact.static) if tree is not None]
+    slips = [] if contact.slip is None else [model.expanded(contact.slip)]
+    read = set[str]().union(*map(free_names, (*slopes, *slips))) & coordinates
+    return contact.restitution != ONE and bool(read | set[str]().union(*map(free_names, rubs)) & moving)
 
 
 def _among(names: set[str], blocks: Blocks) -> set[str]:
