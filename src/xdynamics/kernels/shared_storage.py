@@ -59,7 +59,7 @@ def with_shared_storage(
     sizes = {**{name: lengths[name] for name in RESULTS}, **large}
     touched = _touched(times, program, sizes)
     held = {name: list(_held(touched[name], sizes[name], is_result=name in RESULTS)) for name in sizes}
-    places, count = min((_placed(held, sizes, ways) for ways in (1, -1)), key=lambda found: found[1])
+    places, count = _placed(held, sizes)
     views = {
         name: (places[array][0], places[array][1] + first, number) if array in places else (array, first, number)
         for name, (array, first, number) in program.views.items()
@@ -167,13 +167,10 @@ def _held(touched: Sequence[tuple[int, int, int, bool]], size: int, *, is_result
             yield _Held(low, high, lines[0][0], lines[-1][0])
 
 
-def _placed(
-    held: Mapping[str, Sequence[_Held]], sizes: Mapping[str, int], ways: int
-) -> tuple[dict[str, tuple[str, int]], int]:
+def _placed(held: Mapping[str, Sequence[_Held]], sizes: Mapping[str, int]) -> tuple[dict[str, tuple[str, int]], int]:
     """Return where each array stands, in a result or in the shared one, and how many numbers that has.
 
-    Arrays come in the order of their lines, each to where the shared one grows least; of places alike to the first,
-    `ways` being 1, or to the last.
+    Arrays come in the order of their lines, each to where the shared one grows least; of places alike to the first.
     """
     full = {name: list(held[name]) for name in RESULTS} | {SHARED: []}
     places: dict[str, tuple[str, int]] = {}
@@ -190,10 +187,9 @@ def _placed(
         ]
         for at in _free(parts, full[SHARED]):
             growth = max(end, at + reach) - min(begin, at) - (end - begin)
-            options.append((growth, ways * at, SHARED))
+            options.append((growth, at, SHARED))
         _, at, array = min(options)
         if array == SHARED:
-            at *= ways
             begin, end = min(begin, at), max(end, at + reach)
         places[name] = array, at
         full[array] += [replace(part, low=part.low + at, high=part.high + at) for part in parts]
