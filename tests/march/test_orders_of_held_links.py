@@ -47,9 +47,9 @@ REFUSED = ["euler_cromer", "ruth3", "forest_ruth", "pefrl", "yoshida6", "kahan_l
 END = 0.2  # s; the disc lifts off at 0.277 s
 
 
-def sliding(discs: str = "0") -> xd.Model:
+def sliding(restitution: str = "0") -> xd.Model:
     """Return the discs, with a coefficient of restitution."""
-    return xd.Model.from_text(filled(SLIDING).replace("restitution = 0", f"restitution = {discs}"))
+    return xd.Model.from_text(filled(SLIDING).replace("restitution = 0", f"restitution = {restitution}"))
 
 
 def filled(text: str) -> str:
@@ -81,3 +81,15 @@ def test_methods_that_are_taken_keep_their_order(method: str, order: int) -> Non
         assert run.sizes["event"] == 0
         errors.append(float(abs(run.r[-1] - exact.r[-1]).max() + END * abs(run.v_r[-1] - exact.v_r[-1]).max()))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
+
+
+def test_bodies_that_bounce_for_ever_but_begin_in_touch_are_doubted() -> None:
+    """Assert that the outcome says that the order was lost, of a method that loses it, and of no other."""
+    asked = {"step": "10 ms", "until": END}
+    with pytest.warns(
+        xd.AccuracyWarning, match=r"curved gaps \(discs\), .*'yoshida6' is not of order 6, but of 2 or less"
+    ):
+        run = xd.simulate(sliding("1"), method="yoshida6", **asked)
+    assert "held by contacts along curved gaps" in run.attrs["run_outcome_text"]
+    run = xd.simulate(sliding("1"), method="rk4", **asked)
+    assert "held by" not in run.attrs["run_outcome_text"]

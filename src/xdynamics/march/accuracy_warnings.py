@@ -17,7 +17,7 @@ from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.runner import March
 from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled_errors import LOSS, effect_of
-from xdynamics.model import Model
+from xdynamics.model import Model, Trait
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import beyond_trees, conditions
@@ -27,6 +27,7 @@ from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, are_too_many, count_of_switches, owners_of_switches
 from xdynamics.model.tangent_space import independent
+from xdynamics.model.traits import curved_contacts
 from xdynamics.stability import decay_limit, fastest_rate, rough_rate, stiffness
 from xdynamics.units import TIME, parse_unit, spell, unit_suffix
 
@@ -48,6 +49,7 @@ def doubts(march: March) -> list[str]:
         *_of_gains(march),
         *_of_places(march),
         *_of_stopped_slips(march),
+        *_of_held_links(march),
         *_of_constraints(march.model),
     ]
 
@@ -231,6 +233,17 @@ def _of_stopped_slips(march: March) -> Iterator[str]:
         f" {time:.6g}{unit_suffix(model.time_unit)}, {most}: what follows is not Coulomb's law to the last; a smaller"
         " rest_height stops fewer"
     )
+
+
+def _of_held_links(march: March) -> Iterator[str]:
+    """Report that bodies which were to bounce for ever were held, by forces of which the method loses its order."""
+    method, model = march.settings.method, march.model
+    curved = curved_contacts(model) if march.held_links and Trait.HELD_LINKS in method.refuses else []
+    if curved:
+        yield (
+            f"bodies were held by contacts along curved gaps ({', '.join(curved)}), whose forces depend on velocities:"
+            f" there '{method.name}' is not of order {method.order}, but of 2 or less; take velocity_verlet, rk4 or dop853"
+        )
 
 
 def _condition(mass: NDArray[np.float64]) -> float:

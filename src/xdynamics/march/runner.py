@@ -90,6 +90,7 @@ class March:
         self.doubts: list[str] = []  # doubts about its accuracy, once it is over; see `outcome_text.ending`
         self.atol_effect = ""  # effect of errors of given absolute tolerances, in words, once it is over
         self.event_pairs = 0
+        self.held_links = False  # by contacts of many
         self.gains = Gains()  # energy that impacts created
         self.misplaced = np.zeros(len(self.layout.watched), bool)  # those with an event beyond its position tolerance
         self.witnesses = Witnesses(self.layout.used.size, self.estimated)
@@ -168,6 +169,7 @@ class March:
                 self.witnesses.take(block, _counts(self.run)[0])
                 self._look_at_the_end(block)
                 self._judge_events(block)
+                self.held_links = self.held_links or bool(log.closed_rows.shape[1])
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 # rows of events come as they come

@@ -46,7 +46,7 @@ def traits_of(model: Model) -> dict[Trait, str]:
         * bool(model.python_forces),
         Trait.CONTACTS: [*dict.fromkeys(item.owner for item in reactions(model))],
         Trait.CONSTRAINTS: [*model.shaped.constraints],
-        Trait.HELD_LINKS: [name for name, contact in model.assemblies.items() if _turns(model, contact)],
+        Trait.HELD_LINKS: curved_contacts(model) if _takes_energy(model) else [],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
     coordinates, kept = names_of(model.coordinates), held(model.controllers, model.time_unit)
@@ -107,15 +107,26 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     return forces + masses + pressed
 
 
+def curved_contacts(model: Model) -> list[str]:
+    """Return the contacts of many links whose forces, where they hold bodies, depend on velocities."""
+    return [name for name, contact in model.assemblies.items() if _turns(model, contact)]
+
+
+def _takes_energy(model: Model) -> bool:
+    """Whether impacts or friction take energy, so that bodies may come to be held."""
+    contacts = [*model.contacts.values(), *model.assemblies.values()]
+    return bool(model.frictions) or any(one.restitution != ONE or one.slip is not None for one in contacts)
+
+
 def _turns(model: Model, contact: Contact) -> bool:
-    """Whether links of a contact are ever held, along a direction or with friction that changes as bodies move."""
+    """Whether a contact holds its links along a direction that changes as bodies move, or with such friction."""
     gap, coordinates = model.expanded(contact.gap), {*model.coordinates}
     slopes = [derivative(gap, {name: ONE}) for name in free_names(gap) & coordinates]
-    moving = coordinates | set(map(velocity, coordinates))
-    rubs = [model.expanded(tree) for tree in (contact.friction, contact.static) if tree is not None]
     slips = [] if contact.slip is None else [model.expanded(contact.slip)]
-    read = set[str]().union(*map(free_names, (*slopes, *slips))) & coordinates
-    return contact.restitution != ONE and bool(read | set[str]().union(*map(free_names, rubs)) & moving)
+    rubs = [model.expanded(tree) for tree in (contact.friction, contact.static) if tree is not None]
+    moving = coordinates | set(map(velocity, coordinates))
+    changing = set[str]().union(*map(free_names, (*slopes, *slips))) & coordinates
+    return bool(changing or set[str]().union(*map(free_names, rubs)) & moving)
 
 
 def _among(names: set[str], blocks: Blocks) -> set[str]:
