@@ -192,7 +192,7 @@ def test_a_periods_uncertainty_is_that_of_both_crossings() -> None:
         ((1.234e-6, 7.55e-8, 2e-20, "kg"), "(1.23 ± 0.15)e-6 kg (k = 2, numerical part 2e-20 kg)"),
         ((9.87654e12, 3.2e8, 0.5, "m"), "(9.87654 ± 0.00064)e12 m (k = 2, numerical part 0.5 m)"),
         ((2.5, 0.0, 4e-3, "s"), "2.5 s (k = 2, numerical part 0.004 s)"),
-        ((2.5, math.inf, 4e3, "s"), "2.5 s (k = 2, numerical part 4e3 s)".replace("4e3", "4000")),
+        ((2.5, math.inf, 4e3, "s"), "2.5 s, of unknown uncertainty"),
         ((0.0, 4.97, math.inf, "N"), "0.0 ± 9.9 N (k = 2, numerical part inf N)"),
         ((100.0, 49.9, 12345.0, "N"), "100 ± 100 N (k = 2, numerical part 1e4 N)"),
     ],

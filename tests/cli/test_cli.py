@@ -17,6 +17,7 @@ from cases.problems import MODELS, ROOT
 from xdynamics.cli import main
 
 BALL = str(MODELS / "ball_drag.toml")
+PILE = str(MODELS / "rough_pile.toml")
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +83,12 @@ def test_settings_reach_the_record(tmp_path: Path) -> None:
         (["run", BALL, "-o", "x.nc", "--rtol", "1e-6", "--estimator", "guess"], "there are none, embedded"),
         (["run", BALL, "-o", "x.nc", "--step", "-1 ms"], "needs a positive time"),
         (["run", BALL, "-o", "x.nc", "--set", "mass=3"], "no such parameter"),
+        (
+            ["run", BALL, "-o", "x.nc", "--set", "until=3"],
+            "no such parameter or initial value: give --until; there are",
+        ),
+        (["run", PILE, "-o", "x.nc", "--set", "nothing=3"], "pitch, move, radius, t, x, v_x and 4 more\n"),
+        (["run", PILE, "-o", "x.nc", "--set", "x=3"], "'x' has the elements x[0], x[1], x[2], … x[23]: name one"),
         (["run", BALL, "-o", "x.nc", "--set", "m"], "needs NAME=VALUE"),
         (["run", BALL, "-o", "x.nc", "--set", "m=1 s"], "has units"),
         (["run", BALL, "-o", "x.nc", "--set", "m=nan"], "does not start with a finite number"),

@@ -41,10 +41,24 @@ def test_the_smaller_of_many_terms_are_one_bar() -> None:
     assert len(axes.patches) == 17
 
 
-def test_numerical_terms_are_written_in_words() -> None:
-    """Assert all terms of few, and their names without underscores."""
+def test_terms_bear_the_names_by_which_they_are_asked_for() -> None:
+    """Assert all terms of few, and their names as `only` and `without` take them."""
     text = SPRINGS.replace("24", "2").replace("KS", "[1.0, 2.0]").replace("US", "[0.01, 0.02]")
     (axes,) = xd.plot(xd.error_budget(xd.Model.from_text(text), "x[1]", at="0.5 s")).axes
     names = {label.get_text() for label in axes.get_yticklabels()}
-    assert names == {"k[0]", "k[1]", "truncation", "roundoff", "interpolation", "event location"}
+    assert names == {"k[0]", "k[1]", "truncation", "roundoff", "interpolation", "event_location"}
     assert axes.get_title(loc="left") == "standard uncertainty from each source"
+
+
+def test_no_line_of_a_total_crosses_the_number_of_a_bar() -> None:
+    """Assert that the line of what is together, right of bars a little shorter, has all their numbers beside it."""
+    text = SPRINGS.replace("24", "2").replace("KS", "[1.0, 1.0]").replace("US", "[0.01, 0.012]")
+    figure = xd.plot(xd.error_budget(xd.Model.from_text(text), "total_energy", at="0.5 s"))
+    (axes,) = figure.axes
+    figure.draw_without_rendering()
+    lines = [line.get_window_extent().x0 for line in axes.lines if line.get_label().endswith("together")]
+    widths = [bar.get_width() for bar in axes.patches]
+    assert any(
+        0.5 * total < width < total for total in (line.get_xdata()[0] for line in axes.lines) for width in widths
+    )
+    assert not any(text.get_window_extent().x0 < x < text.get_window_extent().x1 for text in axes.texts for x in lines)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from xdynamics.faults import InputError
 
 G = 9.81
 VERLET: dict[str, Any] = {"method": "velocity_verlet", "step": "10 ms"}
@@ -159,3 +160,34 @@ def test_a_stack_stands_for_long(steps: int) -> None:
     assert int(run.step_number[-1]) == steps
     assert np.abs(run.x.values - run.x.values[0]).max() < 1e-13
     assert np.abs(run.v_x.values).max() < 1e-15
+
+
+def beads(mass: str) -> xd.Model:
+    """Return eight beads on a line, which close in on each other."""
+    return xd.Model(
+        name="beads",
+        dimensions={"ball": 8},
+        relations={"pair": {"of": "ball"}},
+        coordinates={"x": {"unit": "m", "dims": ["ball"]}},
+        parameters={"weights": {"dims": ["ball"], "value": "(1 + mod(3*index(ball), 5))*kilogram"}},
+        mass={"x": mass},
+        initial={"x": "0.15*index(ball)*metre", "v_x": "-0.1*index(ball)*metre/second"},
+        contacts={"balls": {"gap": "second(x, pair) - first(x, pair) - 0.1*metre", "restitution": 1}},
+    )
+
+
+def test_masses_of_many_links_are_not_those_of_the_first() -> None:
+    """Assert that masses written with numbers of elements, of which impulses knew the first alone, are refused."""
+    with pytest.raises(InputError, match="the mass of 'x' differs from element to element.*make it a parameter"):
+        xd.simulate(beads("kilogram*(1 + mod(3*index(ball), 5))"), **VERLET, until=0.7)
+
+
+@pytest.mark.parametrize(
+    ("mass", "weights"), [("weights", [1.0 + 3 * number % 5 for number in range(8)]), ("2*kilogram", [2.0] * 8)]
+)
+def test_impulses_of_many_links_keep_momentum(mass: str, weights: list[float]) -> None:
+    """Assert it with the mass of each bead."""
+    run = xd.simulate(beads(mass), **VERLET, until=2.0)
+    momentum = (run.v_x.values * weights).sum(axis=1)
+    assert run.sizes["event"] >= 7
+    np.testing.assert_allclose(momentum, momentum[0], rtol=1e-13)

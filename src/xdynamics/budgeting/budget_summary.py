@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,17 +26,17 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     yield from place_of(budget)
     kinds, shares = words_of(budget["term_kind"]), budget["share"].values
     width = max(len(str(text)) for text in budget["term_name"].values)
-    for i in np.argsort(-np.abs(shares), kind="stable").tolist():
+    for i in by_share(budget):
         name, standard = str(budget["term_name"].values[i]), float(budget["standard_uncertainty"][i])
         slope, slope_units = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
         size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit(budget['input_units'].values[i])}"
         product = f", {slope:.4g}{_unit(slope_units)} times {size}" if np.isfinite(slope) else ""
-        yield (
-            f"{kinds[i]:<10}{name:<{width}}  {with_doubt(standard, doubt_of(budget, i))}{unit}, {shares[i]:.1%} of the"
-            f" variance{product}"
-        )
+        contribution = f"{contributed(standard, doubt_of(budget, i))}{unit if standard < inf else ''}"
+        share = f", {shares[i]:.1%} of the variance" if np.isfinite(shares[i]) else ""
+        yield f"{kinds[i]:<10}{name:<{width}}  {contribution}{share}{product}"
+    yield from _unknown(budget)
     numerical, bound, physical, total = (
-        uncertainty_alone(float(budget[name])) + unit
+        contributed(float(budget[name])) + (unit if float(budget[name]) < inf else "")
         for name in ("numerical_rss", "numerical_bound", "physical_rss", "total_rss")
     )
     yield f"totals    numerical {numerical}, at most {bound}; physical {physical}; together {total}"
@@ -52,13 +53,29 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
             f" ± {ends:.1g}{unit}"
         )
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
-    yield f"drawn     standard uncertainty {with_doubt(standard, doubt)}{unit}, of {draws} draws"
+    yield f"drawn     standard uncertainty {contributed(standard, doubt)}{unit}, of {draws} draws"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
     remedy = f"; {settled_by(budget)}" if stated(budget, "draws_needed") is not None else ""
     yield (
         f"linear    {verdict}: its interval ends {float(stated(budget, 'linear_apart')):.2g}{unit} from that of the"
         f" draws{remedy}"
     )
+
+
+def by_share(budget: xr.Dataset) -> list[int]:
+    """Return the places of the terms by descending share, or where a term is unknown, which leaves no shares, by size."""
+    shares = np.abs(budget["share"].values)
+    sizes = shares if np.isfinite(shares).all() else budget["standard_uncertainty"].values
+    order: list[int] = np.argsort(-sizes, kind="stable").tolist()
+    return order
+
+
+def _unknown(budget: xr.Dataset) -> Iterator[str]:
+    """Say why terms are unknown, and what may be asked for instead."""
+    why = budget["term_rule"].values[np.isinf(budget["standard_uncertainty"].values)] if "term_rule" in budget else ()
+    yield from (f"attention: {rule}" for rule in why)
+    if len(why):
+        yield "attention: ask for the number at an earlier time, or for averages over many starts, by a sweep"
 
 
 def _proven(budget: xr.Dataset, unit: str) -> Iterator[str]:
@@ -95,14 +112,16 @@ def doubt_of(budget: xr.Dataset, i: int) -> float:
     return float(budget[name][i]) if name in budget else 0.0
 
 
-def with_doubt(size: float, doubt: float) -> str:
+def contributed(size: float, doubt: float = 0.0) -> str:
     """Write a standard uncertainty, followed by its own uncertainty if it was drawn.
 
     Examples
     --------
-    >>> with_doubt(0.0023642, 0.0), with_doubt(0.0023642, 3.1e-4)
-    ('0.0024', '0.0024 ± 0.0003')
+    >>> contributed(0.0023642), contributed(0.0023642, 3.1e-4), contributed(inf)
+    ('0.0024', '0.0024 ± 0.0003', 'unknown')
     """
+    if size == inf:
+        return "unknown"
     return with_uncertainty(size, doubt, 1) if doubt > 0.0 else uncertainty_alone(size)
 
 

@@ -36,17 +36,20 @@ UNITS_BY_TERM = {
 
 def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
     """Return the terms and the totals as variables."""
-    covariance = physical.covariance(model, terms)
     variance = {
         NUMERICAL: sum(entry.standard**2 for entry in _of_kind(terms, NUMERICAL)),
         PHYSICAL: physical.variance(model, _of_kind(terms, PHYSICAL)),
     }
     total = variance[NUMERICAL] + variance[PHYSICAL]
-    cancelled = total <= CANCELLED * float(np.trace(covariance))
-    shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
+    shares = _shares(physical.covariance(model, terms), total) if np.isfinite(total) else np.full(len(terms), np.nan)
     scalars = {"value": (value, f"{target.description}, the run's own")} | _totals(terms, variance)
     along = _inputs(terms, unit) | _contributions(terms, unit.text)
-    along["share"] = (shares, "1", "share of the variance; correlated terms share what they have together", ROLE)
+    along["share"] = (
+        shares,
+        "1",
+        "share of the variance; correlated terms share what they have together; nan where a term is unknown",
+        ROLE,
+    )
     variables = {
         name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()
     }
@@ -58,6 +61,12 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
     return variables | {
         name: ((), np.float64(number), about(unit.text, words, ROLE)) for name, (number, words) in scalars.items()
     }
+
+
+def _shares(covariance: NDArray[np.float64], total: float) -> NDArray[np.float64]:
+    """Return the part of each term in the variance; 0 where the terms cancel each other."""
+    cancelled = total <= CANCELLED * float(np.trace(covariance))
+    return np.zeros(len(covariance)) if cancelled else covariance.sum(axis=1) / total
 
 
 def _of_kind(terms: list[Term], kind: str) -> list[Term]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,7 +178,12 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
     decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
-        ("convergence", int(verdicts) != NOT_CONVERGING, f"verdict on the levels: {in_prose(convergence)}"),
+        (
+            "convergence",
+            int(verdicts) != NOT_CONVERGING and bounds["truncation"] != inf,
+            f"verdict on the levels: {in_prose(convergence)}"
+            + ("" if bounds["truncation"] != inf else ", of unequal numbers of events"),
+        ),
         (
             "interpolation",
             bounds["interpolation"] <= max(difference, bounds["truncation"]),

@@ -176,6 +176,13 @@ class Target:
         """
         return float(run["event_time"].values[self._place(run)])
 
+    def moment_in(self, run: xr.Dataset, model: Model) -> float:
+        """Return the time of the number in a run that has it."""
+        if self.at is not None:
+            return self.at
+        top = self.extreme_in(run, model)
+        return self.time_in(run) if top is None else top.time
+
     @property
     def kept(self) -> str:
         """The word that keeps it of a sweep's members, and the variable that holds it."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive import digest_of_run
 from xdynamics.budgeting.measurand import Measurand
+from xdynamics.budgeting.met_events import MetEvents
 from xdynamics.budgeting.precise_twin import twin_distance
 from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN, ErrorSource
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
@@ -58,6 +59,8 @@ class Estimate(NamedTuple):
         Accepted steps of the run.
     digest : str
         Content digest of the run.
+    events : MetEvents
+        Those before the number.
     """
 
     value: float
@@ -65,6 +68,7 @@ class Estimate(NamedTuple):
     location: float
     steps: int
     digest: str
+    events: MetEvents = MetEvents({}, 0)
 
     @classmethod
     def of(cls, measurand: Measurand, run: xr.Dataset) -> Estimate:
@@ -75,11 +79,13 @@ class Estimate(NamedTuple):
         InputError
             If the run does not have it.
         """
-        number = measurand.target.in_run(run, measurand.model)
-        return cls(*number, int(run.attrs["run_accepted_steps"]), digest_of_run(run))
+        target, model = measurand.target, measurand.model
+        value, interpolation, location = target.in_run(run, model)
+        steps, events = int(run.attrs["run_accepted_steps"]), MetEvents.of(target, run, model)
+        return cls(value, interpolation, location, steps, digest_of_run(run), events)
 
 
-ESTIMATES = ResultForm(list, lambda entries: Estimate(*entries))
+ESTIMATES = ResultForm(list, lambda entries: Estimate(*entries[:-1])._replace(events=MetEvents(*entries[-1])))
 NOT_MARCHED = Estimate(np.nan, np.nan, np.nan, 0, "")  # before a run is marched
 
 
@@ -97,31 +103,36 @@ class Compared:
         Of the levels together.
     digests : tuple of str
         Content digests of the runs.
+    apart : str
+        Which events the two finest levels met unequally often before the number; empty where they met the same.
     """
 
     levels: Levels
     values: Floats
     judgement: Judged
     digests: tuple[str, ...]
+    apart: str = ""
 
     @classmethod
     def of(cls, levels: Levels, *estimates: Estimate) -> Compared:
         """Compare the number in all levels."""
         values = np.array([estimate.value for estimate in estimates])
+        before, finest = (estimate.events for estimate in estimates[-2:])
+        apart = before.in_words(finest) if before.are_apart(finest) else ""
         judgement = judge(
             values,
             levels.values,
             levels.formal,
             _noise(values),
             0.0,
-            max(estimate.interpolation + estimate.location for estimate in estimates),
+            np.inf if apart else max(estimate.interpolation + estimate.location for estimate in estimates),
             smooth=levels.varied.keyword == "steps",
             accepted=estimates[-1].steps,
             order=levels.order,
         )
-        if judgement.verdict == EVENT_LIMITED and all(e.interpolation >= e.location for e in estimates):
+        if judgement.verdict == EVENT_LIMITED and not apart and all(e.interpolation >= e.location for e in estimates):
             judgement = replace(judgement, verdict=INTERPOLATION_LIMITED)  # what is more than the other is named
-        return cls(levels, values, judgement, tuple(estimate.digest for estimate in estimates))
+        return cls(levels, values, judgement, tuple(estimate.digest for estimate in estimates), apart)
 
     @classmethod
     def blank(cls, levels: Levels) -> Compared:
@@ -229,6 +240,9 @@ def _least_rtol(scheme: Scheme) -> float:
 def _truncation(compared: Compared) -> Term:
     """Return the truncation term: the finest value's distance with an allowance, plus its uncertainty."""
     levels, values = compared.levels, compared.values
+    if compared.apart:
+        finest = " and ".join(f"{size:.4g}" for size in levels.values[-2:])
+        return Term.unknown(TRUNCATION, NUMERICAL, f"the runs with {levels.varied.name} {finest} {compared.apart}")
     factor = allowance(values, levels.values, levels.formal, _noise(values))
     bound = factor * abs(float(values[0] - values[-1])) + float(compared.judgement.uncertainty)
     sizes = ", ".join(f"{size:.4g}" for size in levels.values)
@@ -332,7 +346,13 @@ def _location(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
         return Term.bounded(LOCATION, NUMERICAL, 0.0, "no event was met")
     tolerance = settings_for(measurand.model, **measurand.settings).time_tolerance / TIGHTER
     finer = _tighter(measurand.model, measurand.settings | {"time_tolerance": tolerance})
-    moved = 0.0 if finer is None else abs(number.value - measurand.target.in_run(finer, measurand.model)[0])
+    moved = 0.0
+    if finer is not None:
+        events = MetEvents.of(measurand.target, finer, measurand.model)
+        if number.events.are_apart(events):
+            rule = f"the run and one with events located {TIGHTER:g} times as well {number.events.in_words(events)}"
+            return Term.unknown(LOCATION, NUMERICAL, rule)
+        moved = abs(number.value - measurand.target.in_run(finer, measurand.model)[0])
     rule = f"its own uncertainty, and events located {TIGHTER:g} times as well"
     return Term.bounded(LOCATION, NUMERICAL, number.location + moved, rule)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from math import isfinite
+from math import inf, isfinite
 
-from xdynamics.units.digits import scientific, with_uncertainty
+from xdynamics.units.digits import UNESTIMATED, scientific, with_uncertainty
 
 EXPANDED = 2.0  # coverage factor
 _NUMBER = re.compile(r"\d+(\.\d+)?(e-?\d+)?")
@@ -31,8 +31,12 @@ def rounded(value: float, standard: float, numerical: float, units: str, origin:
     '16.874 ± 0.012 m (k = 2, numerical part 3e-9 m)'
     >>> rounded(-1234.5, 210.0, 0.0, "1")
     '-1230 ± 420 (k = 2, numerical part 0)'
+    >>> rounded(16.87412, inf, inf, "m")
+    '16.8741 m, of unknown uncertainty'
     """
     unit = "" if units == "1" else f" {units}"
+    if standard == inf:
+        return f"{value:.{UNESTIMATED}g}{unit}, of unknown uncertainty"
     expanded = EXPANDED * standard
     remark = f"{origin}, numerical part {short(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):

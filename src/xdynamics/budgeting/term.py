@@ -62,6 +62,11 @@ class Term:
         """Return a term with a known bound."""
         return cls(name, kind, bound / BOUNDED, bound, rule)
 
+    @classmethod
+    def unknown(cls, name: str, kind: str, rule: str) -> Term:
+        """Return a term of which nothing bounds the size."""
+        return cls(name, kind, inf, inf, rule)
+
 
 def _written(terms: Sequence[Term]) -> list[Any]:
     """Return terms as lists of texts and numbers."""

@@ -141,15 +141,19 @@ def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "belo
 
 def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Sort changes into sections; a bare number stays a number, so that it takes the unit there."""
-    from xdynamics.faults import InputError, spoken
+    from xdynamics.faults import InputError, few, spoken
+    from xdynamics.keywords import KEYWORDS
+    from xdynamics.record.element_attributes import elements_of, of_wholes
 
-    sections: dict[str, dict[str, Any]] = {}
+    known, sections = (*model.parameters, *model.initial), dict[str, dict[str, Any]]()
     for name, text in model.shapes.all_inside(changes, "--set").items():
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
+            if elements := elements_of(name, known):
+                raise InputError(f"--set {name}: {elements.removeprefix('; ')}")
+            remedy = f": give {KEYWORDS[name].flag}" if name in KEYWORDS else ""
             raise InputError(
-                f"--set {spoken(name)}: no such parameter or initial value; there are"
-                f" {', '.join([*model.parameters, *model.initial])}"
+                f"--set {spoken(name)}: no such parameter or initial value{remedy}; there are {few(of_wholes(known))}"
             )
         try:
             value: Any = float(text)

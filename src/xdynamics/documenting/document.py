@@ -9,7 +9,7 @@ import numpy as np
 from xdynamics import archive
 from xdynamics.archive.place import Given, Place, placed, real
 from xdynamics.archive.stores import check_target, store_of, taking_name
-from xdynamics.budgeting.budget_summary import doubt_of, with_doubt
+from xdynamics.budgeting.budget_summary import by_share, contributed, doubt_of
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED, reasons
 from xdynamics.documenting import document_blocks
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
@@ -22,7 +22,7 @@ from xdynamics.model import Model
 from xdynamics.record.flag_words import in_prose, time_unit, words_of
 from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import digits, known_to, uncertainty_alone
+from xdynamics.units.digits import digits, known_to
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -176,22 +176,45 @@ def _convergence(certificate: xr.Dataset) -> PageSection:
     )
 
 
+def _totals(certificate: xr.Dataset) -> list[list[str]]:
+    """Return what all terms are together, and what was drawn."""
+    unit = unit_suffix(str(certificate["value"].attrs["units"]))
+    together = {
+        "numerical, sum of bounds": "numerical_bound",
+        "numerical, root of squares": "numerical_rss",
+        "physical, root of squares": "physical_rss",
+        "together": "total_rss",
+    }
+    sizes = {words: float(certificate[name]) for words, name in together.items()}
+    totals = [[words, f"{contributed(size)}{unit if size < np.inf else ''}"] for words, size in sizes.items()]
+    if "monte_carlo_shortest" in certificate:
+        coverage = f"{float(certificate.attrs['coverage']):.0%}"
+        for name in ("shortest", "symmetric"):
+            low, high = certificate[f"monte_carlo_{name}"].values.tolist()
+            doubt = float(certificate["monte_carlo_end_doubt"])
+            ends = f"{known_to(low, doubt)} to {known_to(high, doubt)}{unit}, its ends ± {doubt:.1g}{unit}"
+            totals.append([f"{name} {coverage} interval of {certificate.attrs['draws']} draws", ends])
+        standard, doubt = (float(certificate[f"monte_carlo_standard_uncertainty{suffix}"]) for suffix in ("", "_doubt"))
+        totals.append(["standard uncertainty of the draws", f"{contributed(standard, doubt)}{unit}"])
+        totals.append(["the linear budget", words_of(certificate["linear_verdict"])[0].replace("_", " ")])
+    return totals
+
+
 def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
     unit, kinds = unit_suffix(str(certificate["value"].attrs["units"])), words_of(certificate["term_kind"])
     behind = f" ({unit.strip()})" if unit else ""
-    order = np.argsort(-np.abs(certificate["share"].values), kind="stable").tolist()
     rows = [
         [
             str(certificate["term_name"].values[i]),
             kinds[i],
             _with_unit(certificate, "sensitivity", "sensitivity_units", i),
             _with_unit(certificate, "input_uncertainty", "input_units", i),
-            with_doubt(float(certificate["standard_uncertainty"][i]), doubt_of(certificate, i)),
-            uncertainty_alone(float(certificate["bound"].values[i])),
-            f"{float(certificate['share'][i]):.1%}",
+            contributed(float(certificate["standard_uncertainty"][i]), doubt_of(certificate, i)),
+            contributed(float(certificate["bound"].values[i])),
+            contributed(np.inf) if np.isnan(certificate["share"][i]) else f"{float(certificate['share'][i]):.1%}",
             str(certificate["term_rule"].values[i]),
         ]
-        for i in order
+        for i in by_share(certificate)
     ]
     header = [
         "term",
@@ -203,27 +226,11 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
         "share",
         "how it was found",
     ]
-    totals = [
-        ["numerical, sum of bounds", f"{uncertainty_alone(float(certificate['numerical_bound']))}{unit}"],
-        ["numerical, root of squares", f"{uncertainty_alone(float(certificate['numerical_rss']))}{unit}"],
-        ["physical, root of squares", f"{uncertainty_alone(float(certificate['physical_rss']))}{unit}"],
-        ["together", f"{uncertainty_alone(float(certificate['total_rss']))}{unit}"],
-    ]
-    if "monte_carlo_shortest" in certificate:
-        coverage = f"{float(certificate.attrs['coverage']):.0%}"
-        for name in ("shortest", "symmetric"):
-            low, high = certificate[f"monte_carlo_{name}"].values.tolist()
-            doubt = float(certificate["monte_carlo_end_doubt"])
-            ends = f"{known_to(low, doubt)} to {known_to(high, doubt)}{unit}, its ends ± {doubt:.1g}{unit}"
-            totals.append([f"{name} {coverage} interval of {certificate.attrs['draws']} draws", ends])
-        standard, doubt = (float(certificate[f"monte_carlo_standard_uncertainty{suffix}"]) for suffix in ("", "_doubt"))
-        totals.append(["standard uncertainty of the draws", f"{with_doubt(standard, doubt)}{unit}"])
-        totals.append(["the linear budget", words_of(certificate["linear_verdict"])[0].replace("_", " ")])
     return PageSection(
         "The budget",
         [
             TextTable(header, rows),
-            TextTable(["total", ""], totals),
+            TextTable(["total", ""], _totals(certificate)),
             PictureBlock(picture, "Terms of the budget, and intervals where they were drawn"),
         ],
     )

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from xdynamics.budgeting.budget_summary import doubt_of
+from xdynamics.budgeting.budget_summary import contributed, doubt_of
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.figures.line_panels import GREY
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
-from xdynamics.units.digits import uncertainty_alone, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SPAN = 1e6  # over which bars are drawn: smaller terms have none
+REACH = 20.0  # from the left end of a bar's number to its right end at most, on that axis
 MOST_TERMS = 16  # bars; what is beyond is one more, of all others together
 COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
@@ -40,50 +40,56 @@ def _terms(budget: xr.Dataset, axes: Axes) -> None:
     sizes, names = budget["standard_uncertainty"].values, budget["term_name"].values.astype(str)
     order = np.argsort(-sizes, kind="stable")
     totals = {"numerical": float(budget["numerical_rss"]), "physical": float(budget["physical_rss"])}
-    least = max([*sizes, *totals.values()]) / SPAN
+    least = max([size for size in (*sizes, *totals.values()) if np.isfinite(size)], default=0.0) / SPAN
     if not least > 0.0:
-        axes.text(0.5, 0.5, "nothing is uncertain", transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
+        why = "its uncertainty is unknown" if np.isinf(sizes).any() else "nothing is uncertain"
+        axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
         axes.set_axis_off()
         return
     order, rest = (order, order[:0]) if len(order) <= MOST_TERMS + 1 else (order[:MOST_TERMS], order[MOST_TERMS:])
-    for row, i in enumerate(order.tolist()):
-        _bar(axes, row, float(sizes[i]), doubt_of(budget, i), least, COLOUR[kinds[i]])
-    labels = [words(names[i].replace("_", " ") if kinds[i] == "numerical" else names[i]) for i in order]
+    lines = {kind: total for kind, total in totals.items() if np.inf > total >= least}
+    bars = [(words(names[i]), float(sizes[i]), doubt_of(budget, i), COLOUR[kinds[i]]) for i in order.tolist()]
     if rest.size:
-        _bar(axes, len(order), float(np.linalg.norm(sizes[rest])), 0.0, least, GREY)
-        labels.append(f"{rest.size} others together")
-    for kind, total in totals.items():
-        if total >= least > 0.0:
-            axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
+        bars.append((f"{rest.size} others together", float(np.linalg.norm(sizes[rest])), 0.0, GREY))
+    for row, (_, size, doubt, colour) in enumerate(bars):
+        _bar(axes, row, size, doubt, least, colour)
+        _label(axes, row, size, doubt, least, [*lines.values()])
+    for kind, total in lines.items():
+        axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
     axes.set_axisbelow(True)
-    axes.set_yticks(range(len(labels)), labels, fontsize=8)
+    axes.set_yticks(range(len(bars)), [label for label, *_ in bars], fontsize=8)
     axes.set(
         xscale="log",
-        ylim=(len(labels) - 0.4, -0.6),
+        ylim=(len(bars) - 0.4, -0.6),
         xlim=(least / 2.0, least * SPAN * 5.0),
         xlabel=words(f"standard uncertainty ({units})"),
     )
     axes.set_title("standard uncertainty from each source", loc="left", fontsize=10)
-    axes.legend(fontsize=7, framealpha=0.85, edgecolor="none", loc="lower right")
+    if lines:
+        axes.legend(fontsize=7, framealpha=0.85, edgecolor="none", loc="lower right")
 
 
 def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: str) -> None:
-    """Draw one term, with its own uncertainty; a term too small for the axis has its number alone."""
-    visible = size >= least  # on a logarithmic axis 0 has no place
-    if visible:
+    """Draw one term, with its own uncertainty; one that is unknown, or too small for the axis, has no bar."""
+    if np.inf > size >= least:  # on a logarithmic axis 0 has no place
         axes.barh(row, size, color=colour, height=0.7)
-    if visible and doubt > 0.0:
-        axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
-    note = "" if visible or not size else " (too small for the axis)"
-    label = f"{with_uncertainty(size, doubt, 1) if doubt > 0.0 else uncertainty_alone(size)}{note}"
+        if doubt > 0.0:
+            axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
+
+
+def _label(axes: Axes, row: int, size: float, doubt: float, least: float, lines: list[float]) -> None:
+    """Write the number of a term behind its bar, or behind a line of what is together that would cross the number."""
+    place = size + doubt if np.inf > size >= least else least / 2.0
+    for line in sorted(lines):
+        place = line if place < line < place * REACH else place
     axes.annotate(
-        label,
-        (size + doubt if visible else least / 2.0, row),
+        contributed(size, doubt) + (" (too small for the axis)" if 0.0 < size < least else ""),
+        (place, row),
         (4.0, 0.0),
         textcoords="offset points",
         va="center",
         fontsize=7,
-        bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "pad": 0.5},  # over the line of what is together
+        bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "pad": 0.5},  # over the lines of the grid
     )
 
 

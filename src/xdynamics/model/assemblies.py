@@ -276,6 +276,7 @@ def _compare(assembly: Assembly) -> None:
     for i in range(len(wanted)):
         renamed = {names[leaf][places[leaf][i]]: Name(leaf_name(k)) for k, leaf in enumerate(assembly.leaves)}
         renamed |= {velocity(name): Name(velocity(tree.name)) for name, tree in [*renamed.items()]}
+        _compare_masses(assembly, {leaf: names[leaf][places[leaf][i]] for leaf in assembly.leaves}, renamed, pattern)
         here = {dim: int(numbers[dim][i]) for dim in assembly.dims}
         for key, tree in _trees(declared).items():
             said = at(expanded(tree, statement.definitions, shapes), here, shapes)
@@ -285,6 +286,22 @@ def _compare(assembly: Assembly) -> None:
                     " of its own elements; of many links all read the same, so write what differs as a parameter with"
                     " that dimension"
                 )
+
+
+def _compare_masses(
+    assembly: Assembly, elements: Mapping[Leaf, str], renamed: Mapping[str, Node], pattern: Mapping[str, Node]
+) -> None:
+    """Refuse masses at a link that are not those of the first link with other elements."""
+    model = assembly.model
+    places = {name: place for place, name in enumerate(model.coordinates)}
+    for leaf in assembly.leaves[: assembly.coordinates]:
+        here, there = (model.mass[place][place] for place in (places[elements[leaf]], places[leaf.name]))
+        if expand(model.expanded(here), renamed) != expand(model.expanded(there), pattern):
+            raise InputError(
+                f"contact '{assembly.name}' has {assembly.links} links, and the mass of '{leaf.quantity}' differs from"
+                " element to element by more than values of parameters, as where it is written with index(…): make it a"
+                " parameter with that dimension"
+            )
 
 
 def _is_every_two(relation: Relation, shapes: Shapes) -> bool:

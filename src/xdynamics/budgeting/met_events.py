@@ -1,0 +1,60 @@
+"""The events that a run met before its number: runs that met different ones are different motions, not better and worse ones."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, NamedTuple
+
+from xdynamics.budgeting.measurand import Target
+from xdynamics.faults import few
+from xdynamics.record.flag_words import words_of
+from xdynamics.shapes.naming import spoken
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.model import Model
+
+REMEDY = "they are different motions, and no distance between them tells how far the number is off"
+
+
+class MetEvents(NamedTuple):
+    """How many events a run met.
+
+    Attributes
+    ----------
+    before : dict of str to int
+        By detector, before the time of the number.
+    compared : int
+        By all together, as far as other runs are compared with it: up to the time that was asked for, or, where the number
+        is at an event or an extreme, in the whole run, since equal extremes may be at different times.
+    """
+
+    before: dict[str, int]
+    compared: int
+
+    @classmethod
+    def of(cls, target: Target, run: xr.Dataset, model: Model) -> MetEvents:
+        """Count the events of a run that has the number."""
+        if not run.sizes.get("event", 0):
+            return cls({}, 0)
+        earlier = run["event_time"].values < target.moment_in(run, model)
+        before = Counter(name for name, is_met in zip(words_of(run["event_detector"]), earlier, strict=True) if is_met)
+        return cls(dict(before), int(earlier.sum()) if target.at is not None else len(earlier))
+
+    def are_apart(self, others: MetEvents) -> bool:
+        """Whether the number is behind different events, as `refine` tells it: by how many there were."""
+        return sum(self.before.values()) != sum(others.before.values()) and self.compared != others.compared
+
+    def in_words(self, others: MetEvents) -> str:
+        """Say which events were met unequally often.
+
+        Examples
+        --------
+        >>> MetEvents({"floor": 3, "discs": 7}, 10).in_words(MetEvents({"floor": 3, "discs": 9}, 12))
+        'did not meet the same events (discs 7 and 9 times): they are different motions, and no distance between them tells how far the number is off'
+        """
+        names = dict.fromkeys((*self.before, *others.before))
+        counts = {name: (self.before.get(name, 0), others.before.get(name, 0)) for name in names}
+        unequal = few(f"{spoken(name)} {one} and {other}" for name, (one, other) in counts.items() if one != other)
+        return f"did not meet the same events ({unequal} times): {REMEDY}"
