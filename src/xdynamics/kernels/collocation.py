@@ -185,7 +185,8 @@ class CollocationStep:
         ]
         for k in range(entries):
             place = self._memory.place("slopes", k)
-            new = f.of("where(missing > 0, new, old)", new=f.load(Place("found", k)), old=f.load(place))
+            found = f.of("where(new - new == 0, new, 0)", new=f.load(Place("found", k)))  # derivatives.or_none
+            new = f.of("where(missing > 0, new, old)", new=found, old=f.load(place))
             f.store(place, new)
         return self._finished(LINEARISE, "Derivatives at the state.", f, state=record, found=max(1, entries))
 

@@ -109,12 +109,23 @@ class TimeStepping(Lines):
     locates: ClassVar[bool] = False
 
     def refusals(self, model: Model) -> list[str]:
-        """List why a model has no such steps: another law of impacts."""
-        others = {contact.law for contact in (model.contacts | model.assemblies).values()} - {NEWTON_S}
+        """List why a model has no such steps: another law of impacts, or friction that sticks by more than it slips by."""
+        contacts = model.contacts | model.assemblies
+        others = {contact.law for contact in contacts.values()} - {NEWTON_S}
+        slipping = {name: (contact.friction, contact.static) for name, contact in contacts.items()}
+        slipping |= {name: (friction.kinetic, friction.static) for name, friction in model.frictions.items()}
         return [
-            f"it has Newton's law of restitution over whole steps, and law = '{law}' is for impacts that are located;"
-            " write law = 'newton' for it"
-            for law in sorted(others)
+            *(
+                f"it has Newton's law of restitution over whole steps, and law = '{law}' is for impacts that are located;"
+                " write law = 'newton' for it"
+                for law in sorted(others)
+            ),
+            *(
+                f"it has one strength of friction over whole steps, and '{name}' sticks up to another, its `static`,"
+                " until a slip that is located; leave static out for it"
+                for name, (least, most) in slipping.items()
+                if least != most
+            ),
         ]
 
     def faults_of_estimates(self, model: Model, method: str) -> list[str]:

@@ -272,3 +272,30 @@ def test_steps_that_locate_no_impact_refuse_the_law() -> None:
         match="'moreau_jean' refuses .*: it has Newton's law of restitution over whole steps, and law = 'energetic'",
     ):
         xd.simulate(ball(law="energetic"), method="moreau_jean", step="1 ms", until="1 s")
+
+
+@pytest.mark.parametrize("name", ["floor", "belt"])
+def test_steps_that_locate_no_slip_refuse_static_friction(name: str) -> None:
+    """Assert that Moreau's steps march what sticks by the friction it slips by, and refuse what sticks by more."""
+    friction = {"floor": {"friction": 0.2}, "belt": {"kinetic": "2*newton"}}[name]
+    static = {"floor": {"static": 0.35}, "belt": {"static": "3.5*newton"}}[name]
+    run = xd.simulate(dragged(name, friction), method="moreau_jean", step=1 / 64, until=3.0)
+    assert float(run.x[-1]) == pytest.approx((3.0 - 1.0) ** 3 / 3, abs=1e-3)  # from t = mu*m*g/(2 N/s) on
+    with pytest.raises(xd.InputError, match=f"'{name}' sticks up to another, its `static`.*leave static out"):
+        xd.simulate(dragged(name, friction | static), method="moreau_jean", step=1 / 64, until=3.0)
+
+
+def dragged(name: str, friction: dict[str, Any]) -> xd.Model:
+    """A block of 1 kg on a floor or a belt, which a force drags that grows by 2 N/s."""
+    floor = {"gap": "y", "restitution": 0}
+    if name == "floor":
+        floor |= {"tangential": "coulomb", "slip": "v_x"} | friction
+    return xd.Model(
+        name="block",
+        coordinates={"x": {"unit": "m"}, "y": {"unit": "m"}},
+        mass={"x": "1*kilogram", "y": "1*kilogram"},
+        forces={"drag": {"x": "2*newton/second*t"}, "weight": {"y": "-10*newton"}},
+        initial={"x": "0 m", "v_x": "0 m s-1", "y": "0 m", "v_y": "0 m s-1"},
+        contacts={"floor": floor},
+        frictions={} if name == "floor" else {"belt": {"slip": "v_x"} | friction},
+    )

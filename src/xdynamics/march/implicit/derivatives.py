@@ -35,8 +35,17 @@ def linearise(run: Run, t: float, h: float, y: State) -> None:
     else:
         run.at[T] = t
         called(run.law[LINEARISED], run, y, run.stage, 0)
+    first = 3 * run.plan[0].used
+    for k in range(run.entries.shape[0]):
+        run.w[first + k] = or_none(run.w[first + k])
     run.kept[0].linearised, run.kept[0].factored = 1, 0.0
     run.now[0].jacobians += 1
+
+
+@shared
+def or_none(slope: float) -> float:
+    """Return a derivative, or 0 where it has no value, as of v*hypot(v, w) at rest: iterations only need one that is near."""
+    return slope if math.isfinite(slope) else 0.0
 
 
 @shared

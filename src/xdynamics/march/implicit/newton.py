@@ -10,7 +10,7 @@ from xdynamics.kernels.newton_matrix import DIRECT
 from xdynamics.kernels.program import H, T
 from xdynamics.march.calls import called
 from xdynamics.march.force_evaluation import State
-from xdynamics.march.implicit.derivatives import LATE, ROUNDED, find_by_groups, height_of, place_of
+from xdynamics.march.implicit.derivatives import LATE, ROUNDED, find_by_groups, height_of, or_none, place_of
 from xdynamics.march.run import Run
 
 MOST_ITERATIONS = 25
@@ -154,7 +154,7 @@ def assemble_by_groups(run: Run, k: int) -> None:
         weight = weight_of(run, k, row, column)
         if weight != 0.0:  # as there: no such term at all
             place = place_of(run, row, column - coordinates if column >= coordinates else column)
-            matrix[place] -= weight * w[equation.derivatives + i]
+            matrix[place] -= weight * or_none(w[equation.derivatives + i])
 
 
 @shared
@@ -177,4 +177,4 @@ def assemble(run: Run, k: int) -> None:
     for i in range(equation.first_entry, equation.first_entry + equation.entries):
         row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
         # an entry left out has no such term at all: a derivative that is NaN must not reach the others
-        matrix[row * n + column] -= w[place] if slope == DIRECT else w[place] * w[slope]
+        matrix[row * n + column] -= or_none(w[place] if slope == DIRECT else w[place] * w[slope])
