@@ -118,3 +118,51 @@ def test_columns_in_several_units_are_recorded_in_the_first() -> None:
     assert run.sample_bath.attrs["units"] == "mK"
     np.testing.assert_allclose(run.sample_bath, 1000 * marched().sample_bath, rtol=1e-13)
     np.testing.assert_allclose(run["T"], marched()["T"], rtol=1e-12)
+
+
+LIMITS = """t [s],limit_0 [m],limit_1 [m],limit_2 [m]
+0,0.05,0.02,-0.1
+1,0.3,0.5,0.2
+2,-0.2,-0.4,0.3
+3,0.1,0.6,-0.6
+4,0.2,0.1,0.4
+"""
+
+
+def limited(argument: str, ends: dict[str, str]) -> xd.Model:
+    """Blocks on springs, watched for when each passes a limit that moves: `ends` of their names, and the number of each."""
+    blocks = "".join(
+        f"""
+coordinates.u{end}.unit = "m"
+mass.u{end} = "1*kilogram"
+forces.spring.u{end} = "-9*u{end}*newton/metre"
+drives.limit{end}.table = "limits.csv"
+drives.limit{end}.csv = '''{LIMITS}'''
+drives.limit{end}.argument = "{argument}"
+drives.limit{end}.interpolation = "cubic"
+initial.u{end} = "0.1*metre*(1 + {number})"
+events.over{end} = {{ function = "u{end} - limit{end}", time_tolerance = "1 ms" }}
+observables.product{end} = "limit{end}*u{end}"
+"""
+        + (f'drives.limit{end}.column = "limit{end}"' if end else 'drives.limit.dims = ["block"]')
+        for end, number in ends.items()
+    )
+    more = "" if len(ends) > 1 else 'dimensions.block = 3\ncoordinates.u.dims = ["block"]'
+    return xd.Model.from_text(f"""
+name = "limits"
+run = {{ method = "velocity_verlet", step = "20 ms", until = "1.9 s" }}
+{more}{blocks}""")
+
+
+@pytest.mark.parametrize("argument", ["t", "2*t", "t**2/(1*second)"])
+def test_events_know_how_fast_tables_of_elements_move(argument: str) -> None:
+    """Assert that times, residuals and uncertainties of events are, to the bit, those of the same model written out."""
+    run = xd.simulate(limited(argument, {"": "index(block)"}))
+    apart = xd.simulate(limited(argument, {f"_{i}": str(i) for i in range(3)}))
+    names = ["event_time", "event_residual", *(name for name in run if str(name).startswith("event_time_uncertainty"))]
+    assert run.sizes["event"] >= 5
+    assert len(names) == 6
+    for name in names:
+        np.testing.assert_array_equal(run[name], apart[name], err_msg=str(name))
+    for i in range(3):
+        np.testing.assert_array_equal(run.event_product_uncertainty[:, i], apart[f"event_product_{i}_uncertainty"])

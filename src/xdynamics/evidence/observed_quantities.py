@@ -319,5 +319,6 @@ def slope_of(model: Model, name: str, by: str) -> Node | None:
 @lru_cache(maxsize=64)
 def rate_of(model: Model, name: str) -> Node:
     """Return the derivative of a quantity by the time along the motion, with accelerations and rates as names."""
-    ((_, _, tree),) = rates_of_wholes(model, [(name, *layout_of(model).wholes[name])])
-    return tree
+    rates = rates_of_wholes(model, [(name, *layout_of(model).wholes[name])])
+    assert rates is not None  # noqa: S101 - what reads tables is evaluated by elements
+    return rates[0][2]

@@ -33,7 +33,7 @@ from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import argument_motion, followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import constant_names, decides, motion
+from xdynamics.model.motion import constant_names, decides, motion, slope
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 from xdynamics.model.whole import (
@@ -139,7 +139,7 @@ def _of_states(layout: Layout) -> Nests:
     names, model, places = LawNames(layout, layout.record), layout.model, dict[str, Place]()
 
     def first(name: str) -> Place:
-        if name not in model.shaped.drives:
+        if name.removeprefix(slope("")) not in model.shaped.drives:
             return names.first(name)
         if name not in places:
             places[name] = _looked_up(nests, name)
@@ -238,7 +238,7 @@ def event_rates(layout: Layout) -> Program:
     if has_loops(model):
         observed = [(own.name, *layout.wholes[own.name]) for own in layout.followed.blocks]
         rates = rates_of_wholes(model, [*events_of_wholes(model), *observed])
-        if program := _of_wholes("slopes", about, layout, rates):
+        if rates is not None and (program := _of_wholes("slopes", about, layout, rates)):
             return program
     trees = [function_rate(model, entry) for entry in layout.watched]
     trees += (model.rate_of(model.observables[name]) for name in layout.followed)

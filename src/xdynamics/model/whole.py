@@ -5,11 +5,11 @@ What they are at each element is what the model says of its elements.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
-from xdynamics.expressions import Along, Binary, Call, Name, Node, Number
+from xdynamics.expressions import Along, Binary, Call, Name, Node, Number, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elements import Elements
@@ -38,9 +38,10 @@ def is_read_whole(model: Model) -> bool:
 
 @lru_cache(maxsize=64)
 def shapes_of(model: Model) -> Shapes:
-    """Return the shapes of a model with those of its force components."""
+    """Return the shapes of a model with those of its force components, and of the slopes of its tables."""
     own = model.shapes.dims
-    names = {force(term, name): own.get(name, ()) for term, parts in acting(model).items() for name in parts}
+    names = {slope(name): own.get(name, ()) for name in model.shaped.drives}
+    names |= {force(term, name): own.get(name, ()) for term, parts in acting(model).items() for name in parts}
     return replace(model.shapes, dims={**own, **{name: dims for name, dims in names.items() if dims}})
 
 
@@ -114,15 +115,22 @@ def events_of_wholes(model: Model) -> list[Quantity]:
     return [*found, *((name, (), ONE) for name in model.assemblies)]
 
 
-def rates_of_wholes(model: Model, quantities: Iterable[Quantity]) -> list[Quantity]:
-    """Return the time derivatives along the motion of expressions that read no drive with dimensions."""
+def rates_of_wholes(model: Model, quantities: Sequence[Quantity]) -> list[Quantity] | None:
+    """Return the time derivatives of expressions along the motion.
+
+    None where they read a table for each element that is looked up at anything but a time: only elements say at what.
+    """
     shaped, rates = model.shaped, dict[str, Node](t=ONE)
     for name in shaped.coordinates:
         rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
     rates |= {name: Name(rate(name)) for name in shaped.states}
     for name in shaped.drives:
-        if not model.shapes.dims.get(name):
-            rates[name] = Name(slope(name)) if model.looked_up_at[name] == CLOCK else model.rates[name]
+        if model.looked_up_at[model.shapes.first(name)] == CLOCK:
+            rates[name] = Name(slope(name))
+        elif not model.shapes.dims.get(name):
+            rates[name] = model.rates[name]
+        elif any(name in free_names(tree) for _, _, tree in quantities):
+            return None
     shapes = shapes_of(model)
     return [(f"_rate_of_{name}", dims, derivative(tree, rates, shapes)) for name, dims, tree in quantities]
 
