@@ -279,6 +279,45 @@ def test_the_limit_of_a_model_with_dimensions_is_found_by_differences() -> None:
     assert record.attrs["solver_stability_rule"] == "not looked at: the state has more than 240 numbers"
 
 
+WARMED = """
+name = "masses that warm"
+[dimensions]
+site = 24
+[coordinates]
+u = {{ unit = "m", dims = ["site"] }}
+[states]
+q = {{ unit = "1", dims = ["site"], rate = "(u**2/metre**2 - q)/second" }}
+[mass]
+u = "1*kilogram"
+[forces.springs]
+u = "-{}*newton/metre*(1 + q)*(u - 0.3*roll(u, site, 1))"
+[initial]
+u = {{ unit = "m", value = 0.1 }}
+q = 0.2
+"""
+
+
+@pytest.mark.parametrize(("stiffness", "warned"), [(1, False), (1000, True)])
+def test_a_step_that_is_stable_is_looked_at_alone(
+    stiffness: int, warned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that the limit of many masses with states is looked for, by hundreds of matrices, where errors grow at the step."""
+    looked = []
+
+    def counted(matrices: np.ndarray) -> np.ndarray:
+        looked.extend(matrix for matrix in matrices if len(matrix) == 3 * 24)
+        return factors(matrices)
+
+    monkeypatch.setattr(limits, "factors", counted)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        xd.simulate(
+            xd.Model.from_text(WARMED.format(stiffness)), method="implicit_velocity_verlet", step="0.3 s", until="0.3 s"
+        )
+    assert [str(one.message)[:41] for one in seen] == ["step 0.3 s is beyond the stability limit "] * warned
+    assert len(looked) > 20 if warned else len(looked) == 1
+
+
 @pytest.mark.parametrize("edge", [1.0, math.pi / 2.0, 1.999])
 def test_halvings_at_once_are_halvings(edge: float) -> None:
     """Assert the bracket that halving one by one gives, bit for bit, in a quarter of the calls."""

@@ -16,13 +16,14 @@ from xdynamics.methods import METHODS, Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.model.tangent_space import free_coordinates
-from xdynamics.stability import LinearSystem, fastest_rate, stable_step_of, surely_stable
+from xdynamics.stability import LinearSystem, fastest_rate, grows_at, stable_step_of, surely_stable
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     from xdynamics.stability.amplification import Floats
 
 OFTEN_STABLE = ("velocity_verlet", "rk4", "dormand_prince")  # named where another method is not
+FEW_NUMBERS = 64  # of a state up to which the limit is found though errors do not grow: gaps below a step are met, too
 SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every method of order 2 and more
 
 
@@ -44,6 +45,8 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
         if surely_stable(jacobian, method, free_coordinates(model), step):
             return
     unresolved = SLOW * _fastest_rate(start) if has_loops(model) else 0.0  # growth that differences may show
+    if has_loops(model) and len(jacobian) > FEW_NUMBERS and not _grows(start, step, growth=unresolved):
+        return
     limit, unit = _longest_stable_step(start, growth=unresolved), unit_suffix(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
@@ -104,6 +107,15 @@ def _linearised(model: Model) -> Floats | None:
         return linearise(model, initial_state(model)).reduced
     except InputError:
         return None  # the march will say what is wrong with the forces at the start
+
+
+@lru_cache(maxsize=256)
+def _grows(start: _Start, step: float, *, growth: float) -> bool:
+    """Whether errors grow at the step itself."""
+    jacobian = _jacobian(start)
+    return jacobian is not None and grows_at(
+        LinearSystem.of(jacobian, free_coordinates(start.model)), start.method, step, growth=growth
+    )
 
 
 @lru_cache(maxsize=256)

@@ -4,6 +4,7 @@ from xdynamics.stability.amplification import LinearSystem
 from xdynamics.stability.limits import (
     decay_limit,
     fastest_rate,
+    grows_at,
     oscillator_limit,
     rough_rate,
     stable_step,
@@ -18,6 +19,7 @@ __all__ = [
     "NormalModes",
     "decay_limit",
     "fastest_rate",
+    "grows_at",
     "oscillator_limit",
     "rough_rate",
     "stable_step",

@@ -110,10 +110,29 @@ def stable_step_of(system: LinearSystem, method: Method, model: Model, *, growth
         return float(np.nan)
     if system.fastest == 0.0:
         return np.inf
-    frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
-    most = oscillator_limit(method) / frequency if frequency > AT_REST else np.inf
-    step = largest_step(method, system, growth / system.fastest)
+    most, step = _most_of_growing(method, system), largest_step(method, system, growth / system.fastest)
     return (min(step, most) if most > 0.0 else step) / system.fastest
+
+
+@one_blas_thread()
+def grows_at(system: LinearSystem, method: Method, step: float, *, growth: float = 0.0) -> bool:
+    """Whether errors may grow at a step itself: of one matrix the eigenvalues, of which `stable_step_of` finds hundreds.
+
+    True without a look where that has each mode alone, or is not for the system.
+    """
+    alone = treats_alike(method) or any(x is not None for x in (system.squares, system.modes, system.uncoupled))
+    if alone or not 0.0 < system.fastest < np.inf:
+        return True
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = step * system.fastest
+        growing = _growth(method, system, growth / system.fastest, np.array([moved]))[0] > 1.0
+    return bool(growing or moved > _most_of_growing(method, system))
+
+
+def _most_of_growing(method: Method, system: LinearSystem) -> float:
+    """Return the limit of the fastest oscillation that grows in the model itself."""
+    frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
+    return oscillator_limit(method) / frequency if frequency > AT_REST else np.inf
 
 
 def fastest_rate(jacobian: Floats) -> float:
