@@ -121,7 +121,7 @@ def test_what_is_added_to_draws_is_normal() -> None:
     assert propagated(uncertain, marched).values(40).tolist() == marched.tolist()
     with pytest.raises(xd.InputError, match="nothing in the model has an uncertainty"):
         propagated(standing()).values(40)
-    with pytest.raises(xd.InputError, match="s at t = 1 s is not there in 3 of 40 draws"):
+    with pytest.raises(xd.InputError, match="s at t = 1 s does not exist in 3 of 40 draws"):
         propagated(uncertain, np.where(np.arange(40) < 3, np.nan, marched)).values(40)
 
 

@@ -104,7 +104,7 @@ def test_members_that_end_badly_give_exit_code_1(tmp_path: Path) -> None:
         (["--axis", "vt"], "needs NAME=VALUE"),
         (["--axis", "vt=1", "--axis", "vt=2"], "sets 'vt' twice"),
         (["--axis", "vt=1:2"], "needs start:stop:count unit"),
-        (["--together", "a=vt", "--axis", "m=1"], "names 'vt', of which there is no --axis"),
+        (["--together", "a=vt", "--axis", "m=1"], "names 'vt', for which there is no --axis"),
         (["--draw", "vt=20:40 m s-1"], "go together"),
         (["--draw", "vt=20", "--draws", "4"], "needs LOW:HIGH"),
         (["--axis", "vt=20", "--keep", "nothing"], "keep has 'nothing'; there are end, log"),

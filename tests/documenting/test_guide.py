@@ -115,7 +115,7 @@ def test_the_starter_marches(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("path", "said"),
-    [("pendulum.txt", "needs one like pendulum.toml"), ("no/p.toml", "No such file"), (".", "is no name for")],
+    [("pendulum.txt", "needs one like pendulum.toml"), ("no/p.toml", "No such file"), (".", "is not a name for")],
 )
 def test_names_that_are_none(path: str, said: str, tmp_path: Path) -> None:
     """Assert that a name of another kind or place is refused in one line."""

@@ -232,7 +232,7 @@ def test_a_run_beside_measured_data(tmp_path: Path) -> None:
         ({"time [s]": [0.1], "x [m]": [1], "u(x) [m]": [0.0]}, r"u\(x\) is 0.0 in row 1, needs a positive number"),
         (
             {"time [s]": [0.1], "x [m]": [1], "u(v) [m]": [1]},
-            r"u\(v\) is the uncertainty of a column that is not there",
+            r"u\(v\) is the uncertainty of a column that is missing",
         ),
         ({"time [s]": [9.0], "x [m]": [1]}, "9.0 s is outside the run"),
         ({"time [s]": [], "x [m]": []}, "has no rows"),
@@ -277,7 +277,7 @@ def test_a_part_is_matched_by_its_times() -> None:
     ("columns", "said"),
     [
         ({"time [s]": [0.0, 5.0], "x [m]": pd.to_timedelta([0, 5], unit="s")}, "column 'x' is in 's', needs 'm'"),
-        ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' stands there twice"),
+        ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' is given twice"),
         ({"time [s]": [0.1], "x [m]": [1 + 1j]}, "holds complex numbers"),
     ],
 )

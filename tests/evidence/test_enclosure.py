@@ -159,8 +159,8 @@ def test_a_part_that_is_not_proven_ends_the_whole() -> None:
 def test_what_a_description_needs() -> None:
     """Assert that times, the number of zeros, and a model that can be enclosed are asked for before anything is proven."""
     for asked, words in (
-        ({"until": "1 s"}, "how many steps a proof takes is not known before; give the times"),
-        ({"at": ["1 s"]}, "how often 'turn' is met is not known before"),
+        ({"until": "1 s"}, "how many steps a proof takes is not known in advance; give the times"),
+        ({"at": ["1 s"]}, "how often 'turn' is met is not known in advance"),
         ({"at": ["1 s"], "occurrences": -1}, "occurrences is -1, needs"),
     ):
         with pytest.raises(xd.InputError, match=words):

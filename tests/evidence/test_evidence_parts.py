@@ -522,7 +522,7 @@ def test_times_of_comparison_are_those_that_both_reach() -> None:
         xd.InputError, match="no time in common: one goes from 0.0 s to 1.0 s, the other from 1.5 s to 2.0 s"
     ):
         common_times(run([0.0, 1.0]), run([1.5, 2.0]))
-    with pytest.raises(xd.InputError, match="the times of the second run do not increase behind t = 2.0 s"):
+    with pytest.raises(xd.InputError, match="the times of the second run do not increase after t = 2.0 s"):
         common_times(run([0.0, 1.0]), run([0.0, 2.0, 1.0]))
 
 

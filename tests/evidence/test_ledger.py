@@ -494,7 +494,7 @@ def test_wrong_questions() -> None:
         xd.validate(model=xd.Model.from_toml(MODELS / "kepler.toml"))
     with pytest.raises(xd.InputError, match="has no method in its .run.; give methods"):
         xd.validate(model=xd.Model.from_text(OWN.replace('method = "velocity_verlet"', "")))
-    with pytest.raises(xd.InputError, match="quantity 'speed' is nothing that the run has"):
+    with pytest.raises(xd.InputError, match="quantity 'speed' is not recorded along 'step'"):
         xd.validate(model=xd.Model.from_text(OWN.replace('quantity = "v_y"', 'quantity = "speed"')))
     adaptive = (
         OWN.replace('step = "0.1 s"', "rtol = 1e-6")

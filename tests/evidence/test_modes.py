@@ -190,8 +190,8 @@ def test_every_variable_says_what_it_is() -> None:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"row": 3}, "row 3 is none of the run's 3; needs 0 to 2, or -3 to -1"),
-        ({"row": "last"}, "row 'last' is none of the run's 3"),
+        ({"row": 3}, "row 3 is not among the run's 3; needs 0 to 2, or -3 to -1"),
+        ({"row": "last"}, "row 'last' is not among the run's 3"),
         ({"at": {"z": 1}}, "initial has no entry 'z'; there are"),
         ({"at": {"x": "1 s"}}, "x = '1 s' has units 's', needs 'm'"),
     ],

@@ -175,7 +175,7 @@ WRONG = {
     (
         '[initial]\nx = "1.5 m"\ny = "0 m"',
         '[constraints.line]\nholds = "y"\n[initial]\nx = "1.5 m"\ny = "0 m"',
-    ): "nothing to move",
+    ): "no freedom to move",
     (
         '[initial]\nx = "1.5 m"',
         '[constraints.far]\nholds = "sqrt(x**2 + y**2) - 2*L"\n[initial]\nx = "1.5 m"',

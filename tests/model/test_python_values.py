@@ -102,11 +102,11 @@ def test_uncertainties_are_arrays_too() -> None:
         ),
         (
             labelled([1.0, 2.0, 3.0], "kg", body=["a", "b", "z"]),
-            "labels a, b, z along 'body', needs each of a, b, c once: c",
+            "labels a, b, z along 'body', needs each of a, b, c exactly once; 'c' is not",
         ),
         (
             labelled([1.0, 2.0, 3.0], "kg", body=["a", "b", "b"]),
-            "labels a, b, b along 'body', needs each of a, b, c once: b",
+            "labels a, b, b along 'body', needs each of a, b, c exactly once; 'b' is not",
         ),
         (labelled(np.ones(4), "kg", body=[*BODIES, "d"]), "value has the label 'd' along 'body', which has a, b, c"),
         (labelled(np.ones(3), "stone", body=BODIES), "unit 'stone' is not known"),

@@ -127,7 +127,7 @@ def pulled(csv: str, dims: str = "bead") -> dict[str, Any]:
         ),
         (
             chain(parameters={"g": "1 N"}, observables={"o": "g[a]"}),
-            r"'g\[a\]' \(column 1\): 'g' has no dimensions, and no elements$",
+            r"'g\[a\]' \(column 1\): 'g' has no dimensions, and therefore no elements$",
         ),
         (
             chain(parameters={"k": {"dims": ["bead"], "csv": "bead,k [N/mm2q]\na,1\nb,2\nc,3\n"}}),

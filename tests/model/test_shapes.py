@@ -254,7 +254,7 @@ def test_a_table_of_links_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
         (
             "sum(m*v_r, body)",
             "r[x, Sun]",
-            "x is an element of 'axis', and stands in the place of 'body'; in brackets the dimensions are body, axis",
+            "x is an element of 'axis', but stands where one is expected of 'body'; in brackets the dimensions are body, axis",
         ),
         ("sum(m*v_r, body)", "sum(G, body)", "goes along 'body', and 'G' has the dimensions: none"),
         ("sum(m*v_r, body)", "cross(r, v_r, axis)", "goes along 'axis' of 2 elements, and needs 3"),

@@ -214,7 +214,7 @@ def test_nothing_to_depend_on() -> None:
 
 def test_what_is_taken_along_itself_has_no_gradient() -> None:
     """Assert that a potential which takes elements of a dimension by its own index is refused, with force and remedy."""
-    with pytest.raises(InputError, match=r"stands in a potential, .*; write shift or roll, or state the force itself"):
+    with pytest.raises(InputError, match=r"is in a potential, .*; use shift or roll, or write the force out"):
         gradient(parse(TAKEN[1]), ("u",), SHAPES)
     chain = """
 name = "mirror"

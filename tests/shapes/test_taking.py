@@ -34,7 +34,7 @@ def test_dimensions_and_units() -> None:
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("take(u, site, u)", r"the number of the element is 'u', and may be made of index\(dimension\), size"),
+        ("take(u, site, u)", r"the number of the element is 'u', which may be written with index\(dimension\), size"),
         ("take(u, row, 0)", r"goes along 'row', and 'u' has the dimensions: site"),
         ("take(u, place, 0)", r"'place' is no dimension"),
         ("take(u, site, index(site) - 1)", r"takes element -1 of 'site', needs whole numbers from 0 to 3; mod\("),

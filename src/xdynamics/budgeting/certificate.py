@@ -320,7 +320,7 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
     )
     if faults := _apart(original, again):
         raise ArchiveError(
-            f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults)
+            f"the certificate of {attributes.get('of')} could not be reproduced:{numbered(faults)}", tuple(faults)
         )
     return again
 

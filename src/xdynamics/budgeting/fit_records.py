@@ -169,7 +169,7 @@ def _record(
 def _check_columns(table: Any, units: Mapping[str, Unit], ledger: Ledger) -> None:
     for name, (_, unit) in table.values.items():
         if name not in units:
-            ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(of_wholes(units))}")
+            ledger.note(f"column '{name}' is not a quantity of the model; there are {', '.join(of_wholes(units))}")
         elif unit.dimension != units[name].dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
         elif table.uncertainties and name not in table.uncertainties:

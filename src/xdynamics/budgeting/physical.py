@@ -178,9 +178,9 @@ def differences(
         if not np.isfinite(distances).any():
             least = float(3.0 * np.nanmin(sizes[i]))
             raise InputError(
-                f"{measurand.target.description} is not there any more where '{name}' is changed by {least:.3g}"
-                f" {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget of small"
-                " changes says nothing of it; draw, by a sweep"
+                f"{measurand.target.description} no longer exists where '{name}' is changed by {least:.3g}"
+                f" {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget,"
+                " which is of small changes, does not apply; draw the inputs in a sweep"
             )
         k = _settled(distances)
         slope, size = float(slopes[k + 1]), float(sizes[i][k + 1])

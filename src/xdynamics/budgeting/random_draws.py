@@ -87,7 +87,7 @@ class Propagation:
         values = np.full(draws, self.value) if drawn is None else drawn
         if missing := int(np.count_nonzero(~np.isfinite(values))):
             raise InputError(
-                f"{self.measurand.target.description} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"
+                f"{self.measurand.target.description} does not exist in {missing} of {draws} draws: the inputs are too uncertain for it to"
                 " be one number"
             )
         points = np.random.default_rng([self.measurand.seed, STREAM]).random((draws, len(self.added)))

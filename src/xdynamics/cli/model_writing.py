@@ -56,7 +56,7 @@ def new(path: str) -> None:
 
     target = Path(path)
     if target.suffix != ".toml":
-        raise InputError(f"'{path}' is no name for a model file, needs one like pendulum.toml")
+        raise InputError(f"'{path}' is not a name for a model file; it needs one like pendulum.toml")
     try:
         write_new(target, STARTER.encode())
     except FileExistsError:

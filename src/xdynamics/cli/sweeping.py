@@ -131,7 +131,7 @@ def _check_varied(grid: Mapping[str, Any], ranges: tuple[str, ...], changes: tup
         raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
     repeated = [text.partition("=")[0] for text in changes if text.partition("=")[0] in grid]
     if repeated:
-        raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} say two things; give one")
+        raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} contradict each other; give one")
 
 
 def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
@@ -141,7 +141,7 @@ def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
         names = names_in(members)
         missing = [axis for axis in names if axis not in grouped]
         if missing:
-            raise InputError(f"--together {name} names {missing[0]!r}, of which there is no --axis")
+            raise InputError(f"--together {name} names {missing[0]!r}, for which there is no --axis")
         grouped[name] = {axis: grouped.pop(axis) for axis in names}
     return grouped
 

@@ -14,11 +14,11 @@ MEANINGS = {
     "max": "the greatest element, likewise",
     "norm": "the square root of the sum of squares",
     "dot": "the sum of products",
-    "cross": "the vector product along a dimension of three elements, which the result has, too",
+    "cross": "the vector product along a dimension of three elements, which the result keeps",
     "first": "the value of a at the first end of each link",
     "second": "the value of a at the second end of each link",
-    "shift": "the value n places before, as in xarray; fill beyond the end, in the unit of a: 0*metre",
-    "roll": "the value n places before, the dimension being a ring",
+    "shift": "the value n places earlier, as in xarray; beyond the end fill, in the unit of a, like 0*metre",
+    "roll": "the value n places earlier, the dimension closed into a ring",
     "take": "the element with that number, an expression of index, size and whole numbers",
     "index": "the number of each element, from 0",
     "size": "how many elements there are",
@@ -51,46 +51,46 @@ until = "30 year"
 
 
 CLOSING = (
-    "An expression may not have a dimension that its place lacks; one that it lacks itself is the same for all elements.",
+    "An expression may have only the dimensions of what it is written for; along those it lacks it is the same for all elements.",
     "In [mass], matrix = [[…], …] has an entry for every two coordinates; it couples elements whose shared dimensions agree.",
-    "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
+    "A potential is summed over its dimensions. An event, contact or friction with dimensions stands for one per element.",
     (
         'So discs in a box have [contacts.floor] gap = "take(r, axis, 1) - R", one for each, and [contacts.discs] gap ='
-        ' "norm(second(r, pair) - first(r, pair), axis) - 2*R", one for each pair. Where they rub, slip is the velocity of'
-        " second less that of first across the line between them, counterclockwise, less R*(first(v_theta, pair) +"
+        ' "norm(second(r, pair) - first(r, pair), axis) - 2*R", one for each pair. With friction, slip is the velocity of'
+        " the second minus that of the first across the line between them, counterclockwise, minus R*(first(v_theta, pair) +"
         " second(v_theta, pair))/radian. Pictures and films draw bodies where one coordinate has them along a dimension and"
         " their two or three axes along another."
     ),
     (
-        "Each located event has two rows of the record, with the states of all elements: n elements with an event each have 2*n*n"
-        " numbers of each quantity; a run that comes to more than there is memory for ends with an error. So log what is needed"
+        "Each located event adds two rows to the record, with the states of all elements: n elements with an event each make 2*n*n"
+        " numbers of each quantity; a run that needs more memory than there is ends with an error. So log what is needed"
         " (log = ['u[0]'], in Python too), stream it to a file (-o, path=…), or take one event for all, whose function is"
         " max(…, dimension), min or sum: it is located where the first of them crosses."
     ),
     (
         "Besides its record and 20 MB, a march of many masses in one dimension takes some 80 bytes for each by velocity_verlet,"
-        " 110 by rk4, 165 by dormand_prince, 225 by dop853; of these velocities and accelerations of stages that are still to"
+        " 110 by rk4, 165 by dormand_prince, 225 by dop853; of which velocities and accelerations of stages still to"
         " be read take 48, 72 and 128. A state by radau_iia takes 336: factors of a real and a complex band of three 104, derivatives and their places 60,"
         " stages 72 and a state for them 16, states at both ends 32, errors, tolerances and sizes 28, a row of the log 24. In a"
-        " band of n below the diagonal and m above it the factors take 24*(2*n + m + 1) + 8: of a field in two dimensions"
-        " they are by far the most, and a march that has no room for them is refused before it is begun."
+        " band of n below the diagonal and m above it the factors take 24*(2*n + m + 1) + 8: for a field in two dimensions"
+        " they are by far the largest part, and a march without room for them is refused before it begins."
     ),
     (
         "Values are a list (of lists), values = { label = … } (of two dimensions { label = { label = … } }), an expression of"
         " index(…), beside a unit where it is a pure number, at the start an expression of parameters too, or a table:"
-        ' r = { table = "planets.csv", columns = ["x", "y", "z"] }, whose rows are found by a column `body` of labels, one for'
-        " each, or are in order."
+        ' r = { table = "planets.csv", columns = ["x", "y", "z"] }, whose rows are matched by a column `body` of labels, one for'
+        " each, or taken in order."
     ),
     (
         "The table of a relation has the columns first and second; each other column that forces use is declared as a parameter along"
         ' the relation: k = { dims = ["spring"], table = "springs.csv", column = "k" }.'
     ),
     (
-        "In Python they are arrays of numpy too, DataFrames in the place of tables, and DataArrays, which have their unit in the"
+        "In Python they may also be NumPy arrays, DataFrames in place of tables, and DataArrays, which have their unit in the"
         " attribute units and may stand in any order of dimensions and labels: model.replace(initial={'r': run.r.isel(step=-1)})."
     ),
     (
-        "refine tells the states after each event: after_ground_r are those of the element that the event is of, and"
+        "refine reports the states after each event: after_ground_r are those of the element that the event is of, and"
         " all_after_ground_r(level, occurrence, event_body, body, axis) those of all elements at the event of each, up to a"
         " million numbers; beyond, the attribute left_out says what to ask for."
     ),
@@ -104,7 +104,7 @@ def shapes_page() -> Iterator[str]:
         "A quantity may have named dimensions. Expressions broadcast by these names, as xarray does. A whole model:"
     )
     yield from (f"  {line}" for line in MODEL)
-    yield "In expressions stand, besides what `xdynamics help language` has,"
+    yield "Besides what `xdynamics help language` lists, expressions may use:"
     width = max(map(len, FORMS.values()))
     for name, form in FORMS.items():
         yield from folded(f"  {form:{width}}  {MEANINGS[name]}", width + 4)

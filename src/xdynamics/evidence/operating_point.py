@@ -51,7 +51,7 @@ def place_in(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
     at = 0 if row is None else row
     if not isinstance(at, int | np.integer) or not -rows <= at < rows:
         raise InputError(
-            f"row {at!r} is none of the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
+            f"row {at!r} is not among the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
         )
     return Model.from_record(str(run["model_toml"].values)), int(at)
 

@@ -256,7 +256,7 @@ def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledg
     rank = np.linalg.matrix_rank(gradients, tol=INDEPENDENT * np.linalg.norm(gradients, 2))
     if rank == len(statement.coordinates) and not timed:
         ledger.note(
-            f"{len(names)} constraints leave {len(statement.coordinates)} coordinates nothing to move: as many of them are"
+            f"{len(names)} constraints leave {len(statement.coordinates)} coordinates no freedom to move: as many of them are"
             " independent; remove one"
         )
     off = [abs(start.numbers(which, values)) > CONSISTENT * start.sizes(which, values) for which in (0, 1)]

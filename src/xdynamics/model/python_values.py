@@ -89,7 +89,7 @@ def _places(key: str, labels: list[str], extent: Extent) -> list[int]:
     """Return where the elements of a dimension are among the labels of an array."""
     if missing := [label for label in extent.labels if labels.count(label) != 1]:
         raise InputError(
-            f"{key} has the labels {few(labels)} along '{extent.name}', needs each of {few(extent.labels)} once: {missing[0]}"
+            f"{key} has the labels {few(labels)} along '{extent.name}', needs each of {few(extent.labels)} exactly once; '{missing[0]}' is not"
         )
     if len(labels) > extent.size:
         other = next(label for label in labels if label not in extent.labels)

@@ -203,7 +203,7 @@ class Shapes:
         quantity, labels = parted(self.inside(name))
         dims = self.dims.get(quantity, ()) if labels else ()
         if labels and not dims:
-            raise InputError(f"'{name}': '{quantity}' has no dimensions, and no elements")
+            raise InputError(f"'{name}': '{quantity}' has no dimensions, and therefore no elements")
         return quantity, dict(zip(dims, numbers_of(quantity, labels, [*map(self.extent, dims)]), strict=True))
 
     def dims_at_end(self, name: str, count: int) -> tuple[str, ...]:

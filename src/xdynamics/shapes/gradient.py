@@ -217,8 +217,8 @@ def _given_by_take(node: Along, adjoint: Node, parts: Parts) -> Node:
     number, dim = node.arguments[1], node.dims[0]
     if dim in parts.of(number):
         raise InputError(
-            f"'{shown(node)}' (column {node.column}) stands in a potential, whose force is not found through take by an"
-            f" index of '{dim}' itself; write shift or roll, or state the force itself"
+            f"'{shown(node)}' (column {node.column}) is in a potential, and its force cannot be derived through take by an"
+            f" index of '{dim}' itself; use shift or roll, or write the force out"
         )
     return Call("where", (Compare("==", Along("index", (), (dim,)), number), adjoint, ZERO))
 

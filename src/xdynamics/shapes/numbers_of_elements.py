@@ -48,8 +48,8 @@ def check_number_of_element(node: Along, dims: tuple[str, ...], shapes: Shapes) 
     """
     if not is_of_numbers(number := node.arguments[1]):
         raise InputError(
-            f"'{shown(node)}' (column {node.column}): the number of the element is '{shown(number)}', and may be made of"
-            " index(dimension), size(dimension) and numbers alone"
+            f"'{shown(node)}' (column {node.column}): the number of the element is '{shown(number)}', which may be"
+            " written with index(dimension), size(dimension) and numbers alone"
         )
     shape = shapes.shape(dims)
     if prod(shape) <= MOST_CHECKED:

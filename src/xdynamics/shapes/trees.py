@@ -73,7 +73,7 @@ def _least(node: Call, values: list[Node], shapes: Shapes) -> Along:
     )
     if len(values) != 1 or node.arguments[0] is not values[0]:
         raise InputError(
-            f"'{shown(node)}' (column {node.column}) joins values and dimensions; write {node.function}(a, dimension) to"
+            f"'{shown(node)}' (column {node.column}) mixes values and dimensions; write {node.function}(a, dimension) to"
             f" reduce, or {node.function}(a, b) to compare"
         )
     return Along(node.function, (prepared(values[0], shapes),), dims, 0, node.column)
@@ -139,7 +139,7 @@ def _dims(node: Node, shapes: Shapes) -> set[str]:
         case Name():
             if _is_dimension(node, shapes):
                 raise InputError(
-                    f"'{node.name}' (column {node.column}) is a dimension, and no value; index({node.name}) is the number"
+                    f"'{node.name}' (column {node.column}) is a dimension, not a value; index({node.name}) is the number"
                     f" of an element, size({node.name}) how many there are"
                 )
             return set(shapes.dims.get(node.name, ()))
@@ -239,7 +239,11 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
     """
     dims = shapes.dims.get(node.name, ())
     if len(node.entries) != len(dims):
-        own = f"the dimensions {', '.join(dims)}; write an entry for each" if dims else "no dimensions, and no elements"
+        own = (
+            f"the dimensions {', '.join(dims)}; write an entry for each"
+            if dims
+            else "no dimensions, and therefore no elements"
+        )
         raise InputError(
             f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}{_along_the_others(node, dims, shapes)}"
         )
@@ -248,8 +252,8 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
         elsewhere = [other.name for other in extents if entry in other.labels]
         if elsewhere and extent.name not in elsewhere:
             raise InputError(
-                f"'{shown(node)}' (column {node.column}): {entry} is an element of '{elsewhere[0]}', and stands in the place"
-                f" of '{extent.name}'; in brackets the dimensions are {', '.join(dims)}, in this order"
+                f"'{shown(node)}' (column {node.column}): {entry} is an element of '{elsewhere[0]}', but stands where"
+                f" one is expected of '{extent.name}'; in brackets the dimensions are {', '.join(dims)}, in this order"
             )
     return {extent.name: extent.number(entry) for entry, extent in zip(node.entries, extents, strict=True)}
 

@@ -112,8 +112,7 @@ def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     for which, grid in zip(("first", "second"), grids, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
             raise InputError(
-                f"the times of the {which} run do not increase behind t = {float(grid[wrong[0]])!r}{unit}, as a"
-                " run's do"
+                f"the times of the {which} run do not increase after t = {float(grid[wrong[0]])!r}{unit}, as a run's do"
             )
     begin, end = max(grid[0] for grid in grids), min(grid[-1] for grid in grids)
     if begin > end:
@@ -126,7 +125,7 @@ def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     inside: Floats = union[(union >= begin) & (union <= end)]
     if not inside.size:
         raise InputError(
-            "the runs have no row of one time in common: keep_every left the others out; march one of them again with"
+            "the runs have no recorded time in common: keep_every left out the rows between; march one of them again with"
             " keep_every = 1"
         )
     return inside

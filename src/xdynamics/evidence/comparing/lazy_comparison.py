@@ -129,7 +129,7 @@ def _stated(sizes: Any, needed: set[str]) -> dict[str, int]:
 def _at_stated(stated: Mapping[str, int], first: xr.Dataset) -> int:
     if AT not in stated:
         raise InputError(
-            f"at how many times '{first.attrs['title']}' and the other run are known is known only once they are marched;"
+            f"the number of times at which both '{first.attrs['title']}' and the other run have values is known only once they are marched;"
             f" give times=…, a number, sizes={{'{AT}': 5000}}, say, or compute=True"
         )
     return stated[AT]

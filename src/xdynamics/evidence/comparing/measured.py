@@ -233,14 +233,14 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None, shape
     bares = [match["name"] if (match := _UNCERTAINTY.fullmatch(name)) else name for name in names]
     for k, (cell, own, bare) in enumerate(zip(header, names, bares, strict=True)):
         if own != bare and bares.count(bare) < 2:
-            ledger.note(f"u({bare}) is the uncertainty of a column that is not there")
+            ledger.note(f"u({bare}) is the uncertainty of a column that is missing")
         elif known is not None and bare not in known and bare.lower() not in TIMES:
             left_out.append(cell.strip())
             continue
         with ledger.entry(f"column {shown(cell)}"):
             heading = title(cell)
             if heading.name in {earlier.name for earlier in titles.values()}:
-                raise InputError(f"'{heading.name}' stands there twice")
+                raise InputError(f"'{heading.name}' is given twice")
             titles[k] = heading
     ledger.raise_faults()
     if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
@@ -374,7 +374,7 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
     ledger = Ledger(name)
     for key, (numbers, own) in uncertainties.items():
         if key not in values:
-            ledger.note(f"u({key}) is the uncertainty of a column that is not there")
+            ledger.note(f"u({key}) is the uncertainty of a column that is missing")
         elif own.dimension != values[key][1].dimension:
             ledger.note(f"u({key}) is in '{own.text}', needs a unit like '{values[key][1].text}'")
         elif not (numbers > 0.0).all():

@@ -64,7 +64,7 @@ def measured_for(
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in observables:
-            ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(of_wholes(observables))}")
+            ledger.note(f"column '{name}' is not a quantity of the run; there are {', '.join(of_wholes(observables))}")
         elif unit.dimension != parse_unit(str(column(run, name).attrs["units"])).dimension:
             ledger.note(
                 f"column '{name}' is in '{unit.text}', needs '{column(run, name).attrs['units']}' or a unit like it"

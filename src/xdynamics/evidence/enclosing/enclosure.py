@@ -168,12 +168,12 @@ class EnclosureRequest:
         interval_problem_of(self.model)
         if self.times is None:
             raise InputError(
-                "how many steps a proof takes is not known before; give the times of bounds, like at=['1 s']"
+                "how many steps a proof takes is not known in advance; give the times of bounds, like at=['1 s']"
             )
         tube = unproven(self.model, self.times)
         if tube.events and self.occurrences is None:
             raise InputError(
-                f"how often '{tube.events[0].name}' is met is not known before; give the number to list, like occurrences=10"
+                f"how often '{tube.events[0].name}' is met is not known in advance; give the number to list, like occurrences=10"
             )
         template = enclosure_dataset(self.model, tube, self.order, self.tolerance, self.occurrences)
         return Stage(template, self.task(), (AT_TIME, MODEL))

@@ -187,7 +187,7 @@ def lazy_study(subjects: Subjects) -> xr.Dataset:
     """
     if subjects.occurrences is None and subjects.detectors:
         raise InputError(
-            f"how often {', '.join(subjects.detectors[:3])} will be met is not known before marching; give the number"
+            f"how often {', '.join(subjects.detectors[:3])} will be met is not known in advance; give the number"
             " to compare, like occurrences=10 (nan where there are fewer), or 0 for none"
         )
     levels = subjects.levels

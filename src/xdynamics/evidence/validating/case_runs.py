@@ -364,8 +364,8 @@ def _units(run: xr.Dataset, case: Validation) -> str:
     found = find_column(run, case.quantity)
     if found is None or found.dims[:1] != (STEPS,):
         raise InputError(
-            f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without"
-            " it the name of the table is one"
+            f"quantity '{case.quantity}' is not recorded along '{STEPS}'; name one by quantity = …; without"
+            " that key the name of the table is taken for it"
         )
     return str(found.attrs["units"])
 

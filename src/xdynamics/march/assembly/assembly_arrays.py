@@ -161,7 +161,7 @@ def _check(law: Law, settings: Settings) -> None:
     if settings.apart:
         raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
     if any(detector.drive or detector.at_zero for detector in law.layout.switches):
-        raise InputError("contacts of many links and switches hidden in forces do not go together; smooth the switches")
+        raise InputError("contacts of many links and switches hidden in forces cannot be combined; smooth the switches")
 
 
 def _arranged(parts: Sequence[_AssemblyTables]) -> tuple[NDArray[Any], Whole, Whole]:
@@ -212,7 +212,9 @@ class _AssemblyTables:
             "groups": -(-elements // GROUP),
         }
         if assembly.paired and "t" in read:
-            raise InputError(f"contact '{assembly.name}' of every two reads t, and may read positions and parameters")
+            raise InputError(
+                f"contact '{assembly.name}' over every two elements depends on t, and may depend on positions and parameters only"
+            )
 
     @property
     def members(self) -> list[Whole]:
