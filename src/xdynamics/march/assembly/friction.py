@@ -59,7 +59,7 @@ SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at o
 RELAXATION, RELAXED_LESS, SETTLED = 1.6, 0.3, 1e-12
 PASSABLE = 1e-6  # residual of impulses over a step with which they are taken
 MOST_STARTS, SWEEPS_BETWEEN = 4, 64  # of paths from where sweeps have come to
-MOST_NEARER = 6  # turns of taking impulses for what they are nearly
+MOST_NEARER = 24  # turns of taking impulses for what they are nearly
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
 

@@ -73,7 +73,7 @@ def come_nearer(run: Run, first: int, rows: int, n: int) -> bool:
         before = run.vectors[FREE, row]
         run.vectors[FREE, row] = -run.vectors[RIGHT, row] - GIVES * run.vectors[X, row]
         run.vectors[TOWARD, row] = before - run.vectors[FREE, row]
-    return take_end_of_path(run, first, rows, n, 1.0, int(FROM_NEAR * rows), ASTRAY)
+    return take_end_of_path(run, first, rows, n, 1.0, rows, ASTRAY)
 
 
 @shared
