@@ -37,8 +37,8 @@ def slope(model: xd.Model, state: dict[str, float]) -> np.ndarray:
     """d/dt (q, v, x) by the compiled march: what it records of a state that a run starts from."""
     given = {name: f"{value!r} {unit}" for name, value, unit in si(model, state)}
     run = xd.simulate(model.replace(initial=given), method="forward_euler", step=1e-9, until=state["t"] + 1e-9)
-    n = list(model.coordinates)
-    names = [f"v_{one}" for one in n] + [f"a_{one}" for one in n] + [f"rate_{one}" for one in model.states]
+    n = list(model.statement.coordinates)
+    names = [f"v_{one}" for one in n] + [f"a_{one}" for one in n] + [f"rate_{one}" for one in model.statement.states]
     return np.array([to_si(run, name) for name in names])
 
 

@@ -104,8 +104,12 @@ def test_jacobians_of_the_gallery_have_the_bits_of_their_trees(path: Path) -> No
     for one in (*motion(model), *slopes(model)):
         values[one.name] = evaluate(one.value, values)
     found = linearise(model, state).jacobian.tolist()
-    names = (*model.coordinates, *(f"v_{name}" for name in model.coordinates), *model.states)
-    n = len(model.coordinates)
-    for i, name in enumerate(model.coordinates):
+    names = (
+        *model.statement.coordinates,
+        *(f"v_{name}" for name in model.statement.coordinates),
+        *model.statement.states,
+    )
+    n = len(model.statement.coordinates)
+    for i, name in enumerate(model.statement.coordinates):
         expected = [values.get(f"_da_{name}_{by}", 0.0) for by in names]
         assert list(map(bits, found[n + i])) == list(map(bits, expected))

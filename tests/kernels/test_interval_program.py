@@ -28,7 +28,7 @@ from xdynamics.kernels.program import INTERVAL, Compute, Load, Place
 from xdynamics.march.configuration import settings_for
 from xdynamics.model.motion import constants
 from xdynamics.model.reactions import modes
-from xdynamics.model.switches import switch_inputs
+from xdynamics.model.regime_model import switch_inputs
 
 TABLE = "q [m],curve [1]\n-3,1.5\n0,0.1\n3,5\n"
 

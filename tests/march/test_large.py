@@ -94,7 +94,7 @@ def test_toda_lattice_keeps_its_integrals() -> None:
 def test_outer_solar_system_keeps_energy_and_angular_momentum() -> None:
     """Assert over 200,000 days that a symplectic method keeps angular momentum to rounding and energy to its order."""
     model = outer_solar_system()
-    assert len(model.coordinates) == 3 * len(BODIES) == 18
+    assert len(model.statement.coordinates) == 3 * len(BODIES) == 18
     verlet, yoshida = (
         xd.simulate(model, method=method, step=step, until="200000 s", force_samples="none")
         for method, step in (("velocity_verlet", "200 s"), ("yoshida8", "50 s"))

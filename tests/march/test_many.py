@@ -51,7 +51,7 @@ def test_each_run_has_the_bits_that_it_has_alone(name: str, more: dict[str, Any]
     """Assert states, counts, outcomes, events and whole logs of every member, with parameters and starts of their own."""
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     settings, random = asked(model, **more), np.random.default_rng(3)
-    parameter, start = next(iter(model.parameters)), settings.layout(model).used[0]
+    parameter, start = next(iter(model.statement.parameters)), settings.layout(model).used[0]
     values = model.parameters[parameter].quantity.si * random.uniform(0.9, 1.1, N)
     starts = model.initial[start].si + random.uniform(0.0, 1e-3, N)
     runs = march_many(model, settings, parameters={parameter: values}, initial={start: starts}, logs=True)

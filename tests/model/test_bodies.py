@@ -71,7 +71,7 @@ def test_forces_of_bodies_act_in_regimes_that_name_them_or_in_all() -> None:
 
 def at_start(model: xd.Model) -> dict[str, float]:
     """Forces and accelerations at the start, by name."""
-    state = {name: quantity.si for name, quantity in model.initial.items()}
+    state = {name: quantity.si for name, quantity in model.statement.initial.items()}
     return evaluated(model, state, constants(model), ())
 
 

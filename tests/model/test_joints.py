@@ -110,7 +110,7 @@ def test_a_hinge_holds_at_every_angle(axes: str, degrees: int) -> None:
     about = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis))
     attitude = about * Rotation.from_euler("xyz", AXES[axes], degrees=True)
     model = hinged(axes, attitude)
-    values = {name: part.si for name, part in model.initial.items()}
+    values = {name: part.si for name, part in model.statement.initial.items()}
     for body in ("arm", "rod"):
         rows = [
             [evaluate(condition.row.get(f"{body}_turn·{axis}", ZERO), values) for axis in "xyz"]

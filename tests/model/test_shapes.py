@@ -127,7 +127,7 @@ def test_the_force_of_a_link_has_its_opposite() -> None:
         'potential = "k*(second(u, spring) - first(u, spring))**2/2"\n[i',
     )
     other = xd.Model.from_text(potential)
-    start = {name: quantity.si for name, quantity in model.initial.items()} | {"k": 4.0}
+    start = {name: quantity.si for name, quantity in model.statement.initial.items()} | {"k": 4.0}
     for name, tree in other.force_components["springs"].items():
         written = model.force_components["springs"][name]
         assert not isinstance(tree, Function)
@@ -147,7 +147,7 @@ def test_values_at_the_start_follow_the_parameters_they_read() -> None:
     louder = {"A": twice.parameters["A"]}
     for other in (
         moved.replace(parameters={"A": "0.2 m"}),
-        moved.with_statement(replace(moved.statement, parameters=moved.parameters | louder)),
+        moved.with_statement(replace(moved.statement, parameters=moved.statement.parameters | louder)),
     ):
         assert other.initial == moved.initial  # what was written down as numbers follows nothing any more
         assert xd.Model.from_text(other.to_toml()).initial == other.initial

@@ -116,7 +116,7 @@ def test_the_largest_of_a_row_is_one_loop() -> None:
     y0 = 2.0 + waves(400)
     model = model_of(decay, (0, 2), y0, (), None, None, None)
     assert are_too_many(model)
-    assert dict.__len__(model.states) == 1
+    assert dict.__len__(model.statement.states) == 1
     assert jumping_switches(model) == ()
     with pytest.warns(xd.AccuracyWarning, match=r"over 100 switches are hidden in 'y' \(abs"):
         run = xd.solve(decay, (0, 2), y0, rtol=1e-10, atol=1e-13)

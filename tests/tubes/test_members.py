@@ -23,7 +23,9 @@ def test_members_are_inside(case: int) -> None:
     model, until, most = [*MOTIONS.values()][case]
     tube = xd.enclose(model, at=[until], order=14, rtol=1e-12)
     assert tube.attrs["outcome"] == "completed"
-    spreads = {name: part for name, part in (model.parameters | model.starts).items() if part.spread is not None}
+    spreads = {
+        name: part for name, part in (model.statement.parameters | model.starts).items() if part.spread is not None
+    }
     random = np.random.default_rng([32, case])
     signs = random.uniform(-1.0, 1.0, (len(spreads), MEMBERS))
     corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * len(spreads))).reshape(len(spreads), -1)

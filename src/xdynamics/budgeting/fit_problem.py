@@ -62,11 +62,17 @@ class Asked:
         """Return the declared value of a parameter or initial value; a clock's offset begins at 0."""
         if self.is_offset(name):
             return Quantity(0.0, self.model.time_unit)
-        return self.model.parameters[name].quantity if name in self.model.parameters else self.model.initial[name]
+        return (
+            self.model.statement.parameters[name].quantity
+            if name in self.model.statement.parameters
+            else self.model.statement.initial[name]
+        )
 
     def is_offset(self, name: str) -> bool:
         """Whether a name is the offset of the record's clock, and nothing that the model has."""
-        return name == OFFSET and name not in self.model.parameters and name not in self.model.initial
+        return (
+            name == OFFSET and name not in self.model.statement.parameters and name not in self.model.statement.initial
+        )
 
     @property
     def offsets(self) -> tuple[float, float]:
@@ -84,7 +90,7 @@ class Asked:
 
     @property
     def _span(self) -> tuple[float, float]:
-        return self.model.initial["t"].si, float(settings_for(self.model, **self.settings).until)
+        return self.model.statement.initial["t"].si, float(settings_for(self.model, **self.settings).until)
 
     @property
     def measured(self) -> Floats:
@@ -121,7 +127,7 @@ class Asked:
         import xarray as xr
 
         columns = {
-            f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(
+            f"{FOR_INITIAL}{name}" if name in self.model.statement.initial else name: xr.DataArray(
                 values[:, i], attrs={"units": self.declared(name).unit.text}
             )
             for i, name in enumerate(self.names)
@@ -196,7 +202,7 @@ class Asked:
         """Return what is varied where the offset alone is fitted: a parameter, which keeps its value."""
         import xarray as xr
 
-        name, part = next(iter(self.model.parameters.items()))
+        name, part = next(iter(self.model.statement.parameters.items()))
         return {name: xr.DataArray(np.full(members, part.quantity.value), attrs={"units": part.quantity.unit.text})}
 
     def _missing(self, values: Floats, row: Floats, member: Any) -> str:

@@ -111,10 +111,12 @@ def names_of(model: Model, named: Any, what: str, *, some: bool = False) -> tupl
         If one is not there, or twice.
     """
     if not isinstance(named, Iterable) or isinstance(named, Mapping):
-        raise InputError(f"{what} are {brief(named)}, need names, like ['{next(iter(model.parameters), 'k')}']")
+        raise InputError(
+            f"{what} are {brief(named)}, need names, like ['{next(iter(model.statement.parameters), 'k')}']"
+        )
     entries = (named,) if isinstance(named, str) else tuple(named)
     names = tuple(element for name in entries for element in elements(model, name))
-    available = [*model.parameters, *(name for name in model.initial if name != "t")]
+    available = [*model.statement.parameters, *(name for name in model.statement.initial if name != "t")]
     if (some and not names) or len({*names}) < len(names):
         raise InputError(
             f"{what} are {[*names]}, need one name or more, each once; there are {', '.join(of_wholes(available))}"
@@ -154,7 +156,7 @@ def _record(
     ledger = Ledger(table.name)
     _check_columns(table, units, ledger)
     asked = Asked(model, names, table, {name: units[name] for name in table.values if name in units}, settings, label)
-    begin, end, second = model.initial["t"].si, march_settings.until, unit_suffix(model.time_unit)
+    begin, end, second = model.statement.initial["t"].si, march_settings.until, unit_suffix(model.time_unit)
     own_clock = asked.is_offset(OFFSET) and OFFSET in names
     outside = np.flatnonzero(((table.times < begin) | (table.times > end)) & (not own_clock))
     if outside.size:
@@ -257,7 +259,7 @@ def scales_of(
     for i in np.flatnonzero(scales == 0.0).tolist():
         width = float(high[i] - low[i])
         model = record_of(records, numbers[i]).model
-        spread = (model.parameters | model.starts).get(numbers[i].name)
+        spread = (model.statement.parameters | model.starts).get(numbers[i].name)
         scales[i] = (
             width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
         )

@@ -326,8 +326,8 @@ def _spread_of_copies(measurand: Measurand, run: xr.Dataset, value: float) -> Te
 def _nudged(model: Model, rng: np.random.Generator) -> Model:
     """Return a model whose numbers are the same or one spacing smaller; the model itself if it tolerates no change."""
     numbers = {
-        "parameters": {name: entry.quantity for name, entry in model.parameters.items()},
-        "initial": dict(model.initial),
+        "parameters": {name: entry.quantity for name, entry in model.statement.parameters.items()},
+        "initial": dict(model.statement.initial),
     }
     moved = {
         section: {name: entry.value * (1.0 - EPS * int(rng.integers(2))) for name, entry in entries.items()}

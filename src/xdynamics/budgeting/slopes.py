@@ -131,7 +131,7 @@ def _follow(along: Variations, inputs: tuple[str, ...], change: Floats) -> Float
     """Return the initial change as it is where the start follows constraints."""
     model = along.equations.model
     state = {name: float(value[0]) for name, value in along.row(np.zeros(1, np.int64)).items()}
-    if any(abs(state[name] - model.initial[name].si) > NEAR * abs(state[name]) for name in variables(model)):
+    if any(abs(state[name] - model.statement.initial[name].si) > NEAR * abs(state[name]) for name in variables(model)):
         raise NotVariedError("the start is moved to where constraints hold")
     followed = followed_start(model, inputs, state, change)
     if followed is None:

@@ -26,14 +26,21 @@ def returned(run: xr.Dataset, measurand: Measurand) -> float | None:
     V.1).
     """
     model, target = measurand.model, measurand.target
-    velocities = {velocity(name) for name in model.coordinates}
-    if target.at is None or target.quantity not in {*model.coordinates, *velocities} or not _is_reversible(run, model):
+    velocities = {velocity(name) for name in model.statement.coordinates}
+    if (
+        target.at is None
+        or target.quantity not in {*model.statement.coordinates, *velocities}
+        or not _is_reversible(run, model)
+    ):
         return None
     time, step = run["time"].values, float(run["step_size"][1]) if run.sizes["step"] > 1 else 0.0
     whole_steps = np.flatnonzero((time <= target.at) & np.isin(run["step_size"].values, [0.0, step]))
     if len(whole_steps) < 2:
         return None
-    turned = {name: _turned(run, name, int(whole_steps[-1]), velocities) for name in (*model.coordinates, *velocities)}
+    turned = {
+        name: _turned(run, name, int(whole_steps[-1]), velocities)
+        for name in (*model.statement.coordinates, *velocities)
+    }
     until = {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
     back = march(model.replace(initial=turned), **measurand.settings | until)
     return abs(_turned(back, target.quantity, -1, velocities) - float(column(run, target.quantity)[0]))
@@ -46,7 +53,7 @@ def _turned(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float
 
 def _is_reversible(run: xr.Dataset, model: Model) -> bool:
     """Return whether a run of equal steps is undone by the same steps with the velocities reversed."""
-    forbidden = (model.states, model.events, model.contacts, model.assemblies, model.frictions, model.regimes)
+    forbidden = (model.statement.states, model.events, model.contacts, model.assemblies, model.frictions, model.regimes)
     if any(forbidden) or model.delays or not METHODS[run.attrs["solver_method"]].symmetric or run.sizes.get("event", 0):
         return False
     terms = [tree for components in model.force_components.values() for tree in components.values()]

@@ -67,7 +67,7 @@ def run(
         table = csv_export.check_target(placed(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
         check_sampled(resolved)
-        sample_times = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)
+        sample_times = times_within(times, model.time_unit, model.statement.initial["t"].si, resolved.until)
     with progress() as report:
         finished = simulate(model, **arguments, path=output, resume=resume, memory=memory, progress=report)
     if times is not None:
@@ -145,9 +145,9 @@ def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
     from xdynamics.keywords import KEYWORDS
     from xdynamics.record.element_attributes import elements_of, of_wholes
 
-    known, sections = (*model.parameters, *model.initial), dict[str, dict[str, Any]]()
+    known, sections = (*model.statement.parameters, *model.statement.initial), dict[str, dict[str, Any]]()
     for name, text in model.shapes.all_inside(changes, "--set").items():
-        section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
+        section = next((title for title in ("parameters", "initial") if name in getattr(model.statement, title)), None)
         if section is None:
             if elements := elements_of(name, known):
                 raise InputError(f"--set {name}: {elements.removeprefix('; ')}")

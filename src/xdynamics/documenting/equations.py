@@ -118,8 +118,8 @@ def _numbers(model: Model) -> Iterator[list[str]]:
                 continue
             parts = {}
             for element in model.shapes.elements(name):
-                part = model.parameters[element] if not when else model.starts.get(element)
-                parts[element] = part or Parameter(model.initial[element])
+                part = model.statement.parameters[element] if not when else model.starts.get(element)
+                parts[element] = part or Parameter(model.statement.initial[element])
             first, *others = parts.values()
             if others and all(part == first for part in others):
                 yield _number(f"{name}{when}{_along(model, name)}, {len(parts)} alike", first)
@@ -152,7 +152,7 @@ def _forces(model: Model) -> Iterator[Formula]:
                 if isinstance(part, Function)
                 else latex(part)
             )
-            on = f", on {name}" if len(model.coordinates) > 1 else ""
+            on = f", on {name}" if len(model.statement.coordinates) > 1 else ""
             on += f", of each link of {force.over}" if force.over else ""
             yield Formula(rf"F_{{\mathrm{{{_words(term)}}}}} = {body}", f"{description}{on}")
 

@@ -83,13 +83,15 @@ def _of_model(model: Model) -> dict[str, Any]:
         "kind": MODEL,
         "title": model.name,
         "digest": model.digest,
-        "counts": {kind: len(getattr(model, kind)) for kind in COUNTED},
+        "counts": {kind: len(getattr(model.statement, kind)) for kind in COUNTED},
         "equations": [" ".join(line.split()) for line in equations(model)],
         "parameters": {
             name: {"value": part.quantity.value, "units": part.quantity.unit.text, "uncertainty": part.uncertainty}
-            for name, part in model.parameters.items()
+            for name, part in model.statement.parameters.items()
         },
-        "initial": {name: {"value": part.value, "units": part.unit.text} for name, part in model.initial.items()},
+        "initial": {
+            name: {"value": part.value, "units": part.unit.text} for name, part in model.statement.initial.items()
+        },
         "methods": {
             name: {"order": method.order, "chooses_steps": bool(method.estimate), "refuses": method.refusals(model)}
             for name, method in METHODS.items()

@@ -80,12 +80,14 @@ def lines_of(model: Model) -> Iterator[str]:
 
 def _lines(model: Model) -> Iterator[str]:
     yield from at_rest(model.shaped.at_rest)
-    counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
+    counts = [(len(getattr(model.statement, kind)), kind) for kind in COUNTED]
     counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {counted}; every name is known and every unit fits"
     yield from _first_elements(chain(_motion(model), _occasions(model)))
     starts = ", ".join(
-        _first_elements((parted(name)[0], partial(_start, model, name, value)) for name, value in model.initial.items())
+        _first_elements(
+            (parted(name)[0], partial(_start, model, name, value)) for name, value in model.statement.initial.items()
+        )
     )
     moved = "; moved from there to where constraints hold" if model.consistent else ""
     yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{moved}"
@@ -128,7 +130,7 @@ def _joined(model: Model) -> dict[str, str]:
 
 def _motion(model: Model) -> Iterator[Line]:
     joined, bodies, keeping = _joined(model), model.shaped.bodies, conditions(model)
-    for i, name in enumerate(model.coordinates):
+    for i, name in enumerate(model.statement.coordinates):
         yield f"motion {parted(name)[0]}", partial(_motion_of, model, i, name, keeping, joined)
     for term, components in model.force_components.items():
         if (whole := _whole_potential(model, term, components)) is not None:
@@ -146,7 +148,7 @@ def _motion(model: Model) -> Iterator[Line]:
         if parted(name)[0] not in made:
             yield parted(name)[0], partial(_definition, model, name)
     kept = held(model.controllers, model.time_unit)
-    for name in model.states:
+    for name in model.statement.states:
         if name not in kept and parted(name)[0] not in made:
             yield parted(name)[0], partial(_rate, model, name)
     for name in model.controllers:
@@ -157,7 +159,7 @@ def _motion_of(model: Model, i: int, name: str, keeping: Sequence[Condition], jo
     masses = model.statement.mass_entries
     inertia = [
         f"{_factor(masses[i, j])}*{acceleration(other)}"
-        for j, other in enumerate(model.coordinates)
+        for j, other in enumerate(model.statement.coordinates)
         if (i, j) in masses
     ]
     acting = [term for term, components in model.force_components.items() if name in components]
@@ -197,7 +199,7 @@ def _definition(model: Model, name: str) -> str:
 
 
 def _rate(model: Model, name: str) -> str:
-    return f"rate      of {name} = {printed_simply(model.states[name].rate)}"
+    return f"rate      of {name} = {printed_simply(model.statement.states[name].rate)}"
 
 
 def _controller(model: Model, name: str) -> str:

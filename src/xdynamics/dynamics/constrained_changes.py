@@ -67,7 +67,7 @@ def bound_changes(
     accelerations : ndarray, shape (k, n)
     """
     kept, width = independent_conditions(model), force.shape[2]
-    places = {name: i for i, name in enumerate(model.coordinates)}
+    places = {name: i for i, name in enumerate(model.statement.coordinates)}
     rows, lag = np.zeros((len(force), len(kept), force.shape[1])), np.zeros((len(force), len(kept), width))
     loads = force.copy()
     for (kind, entry, by), value in numbers.items():
@@ -100,14 +100,16 @@ def followed_start(model: Model, inputs: Sequence[str], state: Mapping[str, floa
     change : ndarray, shape (2n + m, len(inputs))
         Of coordinates, velocities and states.
     """
-    n, tied = len(model.coordinates), [conditions(model)[k] for k in independent_conditions(model)]
+    n, tied = len(model.statement.coordinates), [conditions(model)[k] for k in independent_conditions(model)]
     values, moved = {**constants(model), **state}, change.copy()
     of_inputs = {
         name: np.array([float(name == input_name) for input_name in inputs])
         for name in inputs
-        if name in model.parameters
+        if name in model.statement.parameters
     }
-    rows = np.array([[evaluate(c.row[q], values) if q in c.row else 0.0 for q in model.coordinates] for c in tied])
+    rows = np.array(
+        [[evaluate(c.row[q], values) if q in c.row else 0.0 for q in model.statement.coordinates] for c in tied]
+    )
     reach = solved(next(iter(mass_matrices(model, [state])))[None], rows.T[None])[0]
     for first, trees in ((0, [c.residual for c in tied]), (n, [c.rate for c in tied])):
         changes: dict[str, Floats] = {**dict(zip(variables(model), moved, strict=True)), **of_inputs}
@@ -132,4 +134,4 @@ def _terms(tree: Node, changes: Mapping[str, Floats], values: Mapping[str, float
 
 
 def _shifts(model: Model, column: Floats) -> dict[str, float]:
-    return {f"_shift_{name}": float(move) for name, move in zip(model.coordinates, column, strict=True)}
+    return {f"_shift_{name}": float(move) for name, move in zip(model.statement.coordinates, column, strict=True)}

@@ -34,7 +34,8 @@ from xdynamics.model import Model
 from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.derivatives import jacobian
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, inputs_of, tables_of, variables
-from xdynamics.model.switches import STEPPED_OVER, jumping_switches, switch_inputs, watched_by
+from xdynamics.model.regime_model import switch_inputs, watched_by
+from xdynamics.model.switches import STEPPED_OVER, jumping_switches
 from xdynamics.model.tangent_space import tangent_space
 from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of
@@ -113,7 +114,7 @@ class RunPath:
         if model.constraints and (model.contacts or any(event.reset for event in model.events.values())):
             raise NotVariedError(f"constraint '{next(iter(model.constraints))}' answers to impacts and resets")
         if beyond_trees(model):
-            raise NotVariedError(f"constraints couple {len(model.coordinates)} coordinates")
+            raise NotVariedError(f"constraints couple {len(model.statement.coordinates)} coordinates")
         refuse_delays(model)
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
@@ -201,8 +202,12 @@ class RunPath:
     def _middles(self) -> dict[str, Any]:
         """States in the middle of every step, by Hermite's cubic, where switches and tables are on one side."""
         names, units, run = variables(self.model), self.model.units, self.run
-        speeds = [velocity(name) for name in self.model.coordinates]
-        rate_names = [*speeds, *map(acceleration, self.model.coordinates), *map(rate, self.model.states)]
+        speeds = [velocity(name) for name in self.model.statement.coordinates]
+        rate_names = [
+            *speeds,
+            *map(acceleration, self.model.statement.coordinates),
+            *map(rate, self.model.statement.states),
+        ]
         rates = np.stack(
             [
                 np.asarray(run[rate_name], float) * float(units[name].factor)
@@ -284,9 +289,11 @@ class RunPath:
         by_differences = bool(model.python_forces)
         program = model_programs.forces(layout) if by_differences else model_programs.linearised(layout)
         tables, places = flattened(tables_of(model))
-        p, nc, n = np.array(list(constants(model).values())), len(model.coordinates), self.size
+        p, nc, n = np.array(list(constants(model).values())), len(model.statement.coordinates), self.size
         column = {name: i for i, name in enumerate(layout.used)}
-        row = {name: nc + i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
+        row = {
+            name: nc + i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))
+        }
         pairs = [] if by_differences else [(row[name], column[by]) for name, by in jacobian(model)]
         entries = np.array(pairs, np.int64).reshape(-1, 2).T.copy()
         weights = self.sizes[entries[1]] / self.sizes[entries[0]]

@@ -78,7 +78,7 @@ class FlowStates:
 
     @cached_property
     def _varying(self) -> dict[str, dict[str, Node]]:
-        return varying(self.model, tuple(self.model.parameters))
+        return varying(self.model, tuple(self.model.statement.parameters))
 
     def _numbers(self, trees: list[Node]) -> list[Floats]:
         known = self._known
@@ -187,7 +187,7 @@ class Met:
         """Name the rows of a change, and add those of the parameters."""
         inputs = self.along.equations.inputs
         units = np.broadcast_to(np.eye(len(inputs)), (len(change), len(inputs), len(inputs)))
-        parameters = {name: units[:, i] for i, name in enumerate(inputs) if name in self.model.parameters}
+        parameters = {name: units[:, i] for i, name in enumerate(inputs) if name in self.model.statement.parameters}
         return dict(zip(variables(self.model), np.moveaxis(change, 1, 0), strict=True)) | parameters
 
     @cached_property
@@ -245,23 +245,23 @@ class Met:
         push = -bounce * closing / weight
         turned = place.change(reaction.size) * closing[:, None] + bounce[:, None] * place.change(reaction.rate)
         pushes = -(turned + push[:, None] * weights) / weight[:, None]
-        names = [velocity(each) for each in self.model.coordinates]
+        names = [velocity(each) for each in self.model.statement.coordinates]
         self._check(names, lever * push[:, None])
         moved = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
         return {each: place.changes[each] + moved[:, i] for i, each in enumerate(names)}
 
     def _normal(self, place: FlowStates, reaction: Reaction) -> tuple[Floats, Floats]:
         """Return the gradient of a gap, and its change."""
-        k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
+        k, n, m = len(self.change), len(self.model.statement.coordinates), self.change.shape[2]
         normal, normals = np.zeros((k, n)), np.zeros((k, n, m))
-        for i, name in enumerate(self.model.coordinates):
+        for i, name in enumerate(self.model.statement.coordinates):
             if name in reaction.row:
                 normal[:, i], normals[:, i] = place.value(reaction.row[name]), place.change(reaction.row[name])
         return normal, normals
 
     def _mass(self, place: FlowStates) -> tuple[Floats, Floats]:
         """Return the mass matrix, and its change."""
-        k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
+        k, n, m = len(self.change), len(self.model.statement.coordinates), self.change.shape[2]
         mass, masses = np.zeros((k, n, n)), np.zeros((k, n, n, m))
         for (i, j), entry in self.model.statement.mass_entries.items():
             tree = self.model.expanded(entry)

@@ -128,7 +128,7 @@ class Inside:
     @cached_property
     def settings(self) -> Settings:
         """Settings of the march, as far as one step needs them."""
-        attributes, start = self.run.attrs, self.model.initial["t"].si
+        attributes, start = self.run.attrs, self.model.statement.initial["t"].si
         method = method_of(attributes["solver_method"], int(attributes["solver_order"]))
         # the same force samples as in the run, so that its law is compiled already
         samples = attributes.get("solver_force_samples") == "all"
@@ -335,7 +335,7 @@ class Inside:
         columns = np.stack([np.asarray(self.run[name], float) for name in names])
         time, every = columns[0], rows_apart(self.run.attrs)
         unit = unit_suffix(str(self.run.variables["time"].attrs["units"]))
-        start = self.model.initial["t"].si
+        start = self.model.statement.initial["t"].si
         if every > 1 or time[0] != start:
             what = RARE.format(every) if every > 1 else f"those from t = {float(time[0])!r}{unit} on"
             raise InputError(

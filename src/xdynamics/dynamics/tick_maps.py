@@ -35,7 +35,7 @@ def with_ticks(along: Variations) -> Variations:
     n, width = len(names), len(names) + len(inputs)
     units = np.broadcast_to(np.eye(width)[:, None], (width, rows.size, width))
     own = dict(zip(names, units, strict=False)) | {"t": np.zeros((rows.size, width))}
-    own |= {name: units[n + i] for i, name in enumerate(inputs) if name in model.parameters}
+    own |= {name: units[n + i] for i, name in enumerate(inputs) if name in model.statement.parameters}
     before = FlowStates(model, _before(along, rows), own)
     maps = np.moveaxis(units[:n], 0, 1).copy()
     for change in changes(model.controllers):
@@ -54,7 +54,9 @@ def tick_rows(along: Variations, model: Model) -> tuple[Whole, Whole]:
         If an event is met at a tick.
     """
     times = np.asarray(along.run["time"], float)
-    instants, masks = ticks(actions(model.controllers), exact_time(model.initial["t"]), exact_value(float(times[-1])))
+    instants, masks = ticks(
+        actions(model.controllers), exact_time(model.statement.initial["t"]), exact_value(float(times[-1]))
+    )
     rows = np.searchsorted(times, instants + ROUNDED * np.abs(instants), side="right") - 1
     marked = np.abs(times[rows] - instants) <= ROUNDED * np.abs(instants)
     rows, masks = rows[marked], masks[marked]

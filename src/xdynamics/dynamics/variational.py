@@ -106,14 +106,14 @@ class Equations:
     def about(self, state: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return the matrices of z' = A z + B p at k states: shapes (k, n, n) and (k, n, m)."""
         model, columns, trees = self.model, self._columns, _trees(self.model, self._parameters)
-        k, n, keys, width = len(state["t"]), len(model.coordinates), list(trees), self.size + len(self.inputs)
+        k, n, keys, width = len(state["t"]), len(model.statement.coordinates), list(trees), self.size + len(self.inputs)
         values = evaluated_many(model, [trees[key] for key in keys], state, constants(model), tables_of(model))
         numbers = {
             key: np.broadcast_to(np.asarray(entry, float), (k,)) for key, entry in zip(keys, values, strict=True)
         }
         mass, force = np.zeros((k, n, n)), np.zeros((k, n, width))
         rates = np.zeros((k, self.size - 2 * n, width))
-        rows = {name: i for i, name in enumerate(model.coordinates)}
+        rows = {name: i for i, name in enumerate(model.statement.coordinates)}
         for (kind, entry, by), value in numbers.items():
             if kind == MASS:
                 mass[:, *entry] = value
@@ -122,7 +122,7 @@ class Equations:
             elif kind == INERTIA:
                 force[:, entry[0], columns[by]] -= value * numbers[ACCELERATION, list(rows)[entry[1]], ""]
             elif kind == RATE:
-                rates[:, list(model.states).index(entry), columns[by]] = value
+                rates[:, list(model.statement.states).index(entry), columns[by]] = value
         matrix = np.zeros((k, self.size, width))
         matrix[:, :n, n : 2 * n] = np.eye(n)
         if model.constraints:
@@ -135,7 +135,7 @@ class Equations:
 
     @property
     def _parameters(self) -> tuple[str, ...]:
-        return tuple(name for name in self.inputs if name in self.model.parameters)
+        return tuple(name for name in self.inputs if name in self.model.statement.parameters)
 
     @property
     def _columns(self) -> dict[str, int]:
@@ -150,7 +150,7 @@ FORCE, MASS, INERTIA, RATE, ACCELERATION = ("force", "mass", "inertia", "rate", 
 @lru_cache(maxsize=16)
 def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, str], Node]:
     """Return all derivatives by kind, place, and the name that they are taken by."""
-    by, states = varying(model, parameters), {rate(name): name for name in model.states}
+    by, states = varying(model, parameters), {rate(name): name for name in model.statement.states}
     trees: dict[tuple[str, Any, str], Node] = {}
     place: Any
     for name, tree in force_totals(model).items():
@@ -170,7 +170,7 @@ def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, st
         }
     trees |= dict(trees_of_constraints(model, by))
     if model.constraints or any(kind == INERTIA for kind, _, _ in trees):
-        trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.coordinates}
+        trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.statement.coordinates}
     return trees
 
 
@@ -275,11 +275,11 @@ class Variations:
         """Return the recorded rates of time and every variable at rows, SI, shape (k, 1)."""
         model, run = self.equations.model, self.run
         rates: dict[str, Floats] = {"t": np.ones((len(rows), 1))}
-        for name, coordinate in model.coordinates.items():
+        for name, coordinate in model.statement.coordinates.items():
             factor = float(coordinate.unit.factor)
             rates[name] = np.asarray(run[velocity(name)])[rows, None] * factor
             rates[velocity(name)] = np.asarray(run[acceleration(name)])[rows, None] * factor
-        for name, state in model.states.items():
+        for name, state in model.statement.states.items():
             rates[name] = np.zeros((len(rows), 1))
             if rate(name) in run:  # else a controller holds it
                 rates[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)

@@ -173,7 +173,7 @@ class Spectrum:
     @classmethod
     def blank(cls, model: Model) -> Spectrum:
         """Return one of the right sizes, before anything is computed."""
-        n = len(model.coordinates)
+        n = len(model.statement.coordinates)
         modes, methods = np.full(n - independent(model)[0], np.nan), np.full(len(METHODS), np.nan)
         eigenvalues = np.full(count_of_changes(model), np.nan, np.complex128)
         return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
@@ -234,7 +234,11 @@ def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
 
 def _state(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any]]:
     """Return the state that the model is linearised about."""
-    roles = {"t": "time"} | dict.fromkeys(model.coordinates, "coordinate") | dict.fromkeys(model.states, "state")
+    roles = (
+        {"t": "time"}
+        | dict.fromkeys(model.statement.coordinates, "coordinate")
+        | dict.fromkeys(model.statement.states, "state")
+    )
     return [
         (
             Variable(
@@ -268,7 +272,7 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
         (Variable("period", (MODES,), "f8", model.time_unit.text, "natural period", "period"), spectrum.period),
     ]
     scaling = {"comment": "a displacement, scaled so that the largest number of the mode in SI units is 1"}
-    for i, name in enumerate(model.coordinates):
+    for i, name in enumerate(model.statement.coordinates):
         unit, label = _si_unit(model, name).text, f"mode shape along {name}"
         result.append(
             (Variable(f"shape_{name}", (MODES,), "f8", unit, label, "mode_shape", scaling), spectrum.shapes[i])
@@ -365,9 +369,13 @@ def _scale(eigenvalues: NDArray[np.complex128]) -> float:
 
 def _si_unit(model: Model, name: str) -> Unit:
     """Return the SI unit of a coordinate, velocity or state, an angle in rad."""
-    if name not in model.coordinates and name not in model.states:
+    if name not in model.statement.coordinates and name not in model.statement.states:
         return _si_unit(model, name.removeprefix(schema.velocity(""))).per(model.time_unit)
-    unit = model.coordinates[name].unit if name in model.coordinates else model.states[name].unit
+    unit = (
+        model.statement.coordinates[name].unit
+        if name in model.statement.coordinates
+        else model.statement.states[name].unit
+    )
     if unit.dimension == NONE and unit.text not in ("1", "percent"):
         return Unit("rad", NONE)
     return spell(unit.dimension)

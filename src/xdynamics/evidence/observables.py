@@ -253,7 +253,7 @@ def _whole_of(
 @lru_cache(maxsize=512)
 def rate_tree(model: Model, name: str) -> Node | None:
     """Return the time derivative of a recorded variable along the motion; None if contacts, Python or delays affect it."""
-    if name in model.coordinates:
+    if name in model.statement.coordinates:
         return model.rates[name]
     if reactions(model) or model.python_functions or model.delays:
         return None

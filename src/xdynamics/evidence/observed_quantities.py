@@ -291,9 +291,9 @@ def given_to(model: Model, trees: Iterable[Node], known: Iterable[str] = ()) -> 
     for name in set().union(*map(free_names, trees)) - states - {"t", REGIME_NUMBER, *known}:
         if dims := model.shapes.dims.get(name):
             block = Block.of(name, "parameter", model.shapes)
-            if block.first not in model.parameters:
+            if block.first not in model.statement.parameters:
                 return None
-            given[name] = in_si(model.parameters, Blocks([block])).reshape(model.shapes.shape(dims))
+            given[name] = in_si(model.statement.parameters, Blocks([block])).reshape(model.shapes.shape(dims))
         elif name not in constants(model):
             return None
         else:

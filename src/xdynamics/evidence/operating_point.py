@@ -77,4 +77,4 @@ def replacements(model: Model, at: Mapping[str, Any] | None) -> dict[str, float]
         If one has a wrong name or unit.
     """
     replaced = model.replace(initial=at) if at else model
-    return {name: replaced.initial[name].si for name in map(model.shapes.inside, at or ())}
+    return {name: replaced.statement.initial[name].si for name in map(model.shapes.inside, at or ())}

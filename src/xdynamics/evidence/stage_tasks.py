@@ -178,7 +178,7 @@ def _steps(prepared: March) -> float:
     if isinstance(step, tuple):
         return float(len(step))
     if settings.tolerances is None:
-        return abs(settings.until - prepared.model.initial["t"].si) / step if step else 1.0
+        return abs(settings.until - prepared.model.statement.initial["t"].si) / step if step else 1.0
     return float(settings.tolerances.rtol ** (-1.0 / max(settings.method.order, 1)))
 
 

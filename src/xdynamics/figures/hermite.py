@@ -100,8 +100,8 @@ def derivatives(run: xr.Dataset, model: Model) -> dict[str, Floats]:
 
     None where they are recorded, or depend on what is not known of the states alone.
     """
-    names = {velocity(name): acceleration(name) for name in model.coordinates} | {
-        name: rate(name) for name in model.states
+    names = {velocity(name): acceleration(name) for name in model.statement.coordinates} | {
+        name: rate(name) for name in model.statement.states
     }
     columns = {*run.variables}
     if not {*model.units} <= columns or {*names.values()} <= columns:

@@ -62,8 +62,8 @@ def _turn(layout: Layout) -> Program:
     # To rounding: near singular positions what is left of a residual is divided by the square of the distance to them.
     close = lines.compute("less", turns, CLOSE_TURNS)
     tolerance = lines.compute("choose", close, SMALLEST, TOLERANCE)
-    positions = _largest(lines, layout, {name: name for name in model.coordinates}, 1.0)
-    speeds = _largest(lines, layout, {name: velocity(name) for name in model.coordinates}, 0.0)
+    positions = _largest(lines, layout, {name: name for name in model.statement.coordinates}, 1.0)
+    speeds = _largest(lines, layout, {name: velocity(name) for name in model.statement.coordinates}, 0.0)
     for k, condition in enumerate(conditions(model)):
         acts = lines.named(inverse_pivot(k))
         own, reached = _reached(lines, layout, condition), _swept(lines, layout, condition, positions)
@@ -79,8 +79,8 @@ def _turn(layout: Layout) -> Program:
     late = lines.compute("at_least", made, MOST_TURNS)
     again = lines.compute("choose", late, 0.0, moves)
     failed = lines.compute("choose", late, moves, 0.0)
-    changes = [(name, moves, f"_shift_{name}") for name in (*model.coordinates, *attached(model))]
-    changes += [(velocity(name), slows, f"_slow_{name}") for name in model.coordinates]
+    changes = [(name, moves, f"_shift_{name}") for name in (*model.statement.coordinates, *attached(model))]
+    changes += [(velocity(name), slows, f"_slow_{name}") for name in model.statement.coordinates]
     for owner, wanted, change in changes:
         old = lines.named(owner)
         new = lines.compute("add", old, lines.named(change))
@@ -113,7 +113,7 @@ def keeping(layout: Layout) -> tuple[Program, ...]:
     lines = assigned(layout, keeping_along(model), prefix="_y", given=off)
     is_open, turns, distance = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
     moves = lines.compute("choose", lines.compute("more", excess, 0.0), is_open, 0.0)
-    for name in model.coordinates:
+    for name in model.statement.coordinates:
         shift = lines.named(f"_shift_{name}")
         for owner, change in ((name, shift), (velocity(name), lines.compute("divide", shift, distance))):
             place = Place("z", layout.record.place(owner))

@@ -25,7 +25,7 @@ from xdynamics.model.detectors import GAP, followed, function_bend, function_rat
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import REGIME_NUMBER, constant_names, slope
 from xdynamics.model.reactions import modes
-from xdynamics.model.switches import switch_inputs
+from xdynamics.model.regime_model import switch_inputs
 from xdynamics.schema import acceleration, rate, velocity
 
 # operations of `elementary.intervals` by their number of operands

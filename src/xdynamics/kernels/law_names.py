@@ -16,7 +16,7 @@ from xdynamics.model.delayed_values import before_start, delayed_names
 from xdynamics.model.delays import in_history, place_before, value_before
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import REGIME_NUMBER, constant_names, slope
-from xdynamics.model.switches import watched_by
+from xdynamics.model.regime_model import watched_by
 from xdynamics.model.whole import shapes_of
 from xdynamics.shapes.blocks import Blocks
 

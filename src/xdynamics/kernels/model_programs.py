@@ -35,7 +35,7 @@ from xdynamics.model.detectors import argument_motion, followed, function_rate, 
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import constant_names, decides, motion, slope
 from xdynamics.model.reactions import table
-from xdynamics.model.switches import watched_by
+from xdynamics.model.regime_model import watched_by
 from xdynamics.model.whole import (
     Quantity,
     change,

@@ -138,7 +138,7 @@ def _of_contacts(model: Model) -> Iterator[str]:
         return
     values = dict(constants(model)) | initial_state(model)
     metre = parse_unit("m").dimension
-    lengths = [name for name, entry in model.coordinates.items() if entry.unit.dimension == metre]
+    lengths = [name for name, entry in model.statement.coordinates.items() if entry.unit.dimension == metre]
     all_reactions = reactions(model)
     for entry in all_reactions:
         rows = [reaction.row.get(name, ZERO) for reaction in (all_reactions[entry.normal], entry) for name in lengths]

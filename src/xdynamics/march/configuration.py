@@ -123,7 +123,7 @@ def _log(model: Model, asked: Any) -> str | tuple[str, ...]:
 
 def _default_log(model: Model) -> str:
     """Return what is logged where nothing is asked for: of a large model with dimensions its states alone."""
-    large = bool(model.shapes.dims) and 2 * len(model.coordinates) + len(model.states) > MOST_LOGGED
+    large = bool(model.shapes.dims) and 2 * len(model.statement.coordinates) + len(model.statement.states) > MOST_LOGGED
     return STATES if large else FULL
 
 
@@ -283,7 +283,7 @@ def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     """Return the default time tolerance of events: 1 ps, or 1e-12 of a run shorter than a second."""
     if "time_tolerance" in read:
         return float(read["time_tolerance"])
-    span = read["until"] - model.initial["t"].si
+    span = read["until"] - model.statement.initial["t"].si
     return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 

@@ -83,7 +83,11 @@ def _of_methods(settings: Any) -> list[str]:
 
 def _of_tables(model: Model, times: NDArray[np.float64], second: str) -> list[str]:
     """Refuse tables of time that end at their beginning, and do not reach back by their delays."""
-    faults, start, tables = [], model.initial["t"].si, dict(zip(model.looked_up_at, tables_of(model), strict=True))
+    faults, start, tables = (
+        [],
+        model.statement.initial["t"].si,
+        dict(zip(model.looked_up_at, tables_of(model), strict=True)),
+    )
     for call in model.statement.delayed:
         what, by = (expand(part, model.definitions) for part in call.arguments)
         for name in sorted(free_names(what) & {*model.drives}):

@@ -55,7 +55,7 @@ class EventEnergies(NamedTuple):
 
 def energy_dimension(model: Model) -> Dimension:
     """Return the dimension of the energy that an impact dissipates."""
-    name, dimensions = next(iter(model.coordinates)), model.dimensions
+    name, dimensions = next(iter(model.statement.coordinates)), model.dimensions
     return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
 
 

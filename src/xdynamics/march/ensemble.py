@@ -341,7 +341,7 @@ def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], 
     """Read the arrays, collecting every fault."""
     ledger = Ledger(f"many runs of '{model.name}'")
     arrays: dict[tuple[str, str], Floats] = {}
-    allowed = {"parameter": tuple(model.parameters), "initial value": settings.layout(model).used}
+    allowed = {"parameter": tuple(model.statement.parameters), "initial value": settings.layout(model).used}
     for (kind, name), values in inputs.items():
         label = f"{kind} '{name}'" if name else kind
         if kind in allowed and name not in allowed[kind]:

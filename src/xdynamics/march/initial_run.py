@@ -51,7 +51,8 @@ from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import put_in_si
 from xdynamics.model.motion import constant_names, constant_values, first_regime, tables_of
 from xdynamics.model.reactions import modes
-from xdynamics.model.switches import LANDED_ON, switch_inputs
+from xdynamics.model.regime_model import switch_inputs
+from xdynamics.model.switches import LANDED_ON
 from xdynamics.model.whole import acting, has_wholes, written_out
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
@@ -143,11 +144,11 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: unwritten(length) for name, length in lengths.items()}
-    put_in_si(model.initial, layout.used, arrays["y"])
+    put_in_si(model.statement.initial, layout.used, arrays["y"])
     layout.divide_by_sizes(arrays["y"], settings.scales)
     if layout.is_doubled:
         first = n + layout.evaluation.size
-        arrays["y"][first : first + n] = [rest_of(model.initial[name]) for name in layout.used]
+        arrays["y"][first : first + n] = [rest_of(model.statement.initial[name]) for name in layout.used]
     arrays["atol"] = _tolerances(law, settings)
     arrays["probe"], arrays["turning"] = unwritten(layout.record.size), unwritten(3 * n - layout.coordinates.size)
     arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())) + 1)
@@ -177,7 +178,7 @@ def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int16
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     """Return the numbers that the march does not change."""
     scale, scheme, pacing, layout = settings.scales.of(TIME), law.scheme, settings.pacing, law.layout
-    start, end = model.initial["t"].si / scale, settings.until / scale
+    start, end = model.statement.initial["t"].si / scale, settings.until / scale
     adaptive, tolerances = settings.adaptive, settings.tolerances
     single = settings.step / scale if isinstance(settings.step, float | int) else 0.0
     values = {
@@ -247,7 +248,7 @@ def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float
     """Return whether numbers are sums of two, and then what is left of the start and of the step."""
     if not layout.is_doubled:
         return {"doubled": 0, "start_rest": 0.0, "step_rest": 0.0}
-    return {"doubled": 1, "start_rest": rest_of(model.initial["t"]), "step_rest": rest_of_time(step)}
+    return {"doubled": 1, "start_rest": rest_of(model.statement.initial["t"]), "step_rest": rest_of_time(step)}
 
 
 def _left_polynomial(law: Law) -> dict[str, int]:
@@ -285,7 +286,7 @@ def _ticks_of(acting: tuple[Action, ...], model: Model, settings: Settings) -> t
     """Return the times at which something acts, and what acts at each as bits of a number."""
     if not acting:
         return np.empty(0), np.empty(0, np.int64)
-    first, last = exact_time(model.initial["t"]), exact_value(settings.until)
+    first, last = exact_time(model.statement.initial["t"]), exact_value(settings.until)
     instants, actions_there = ticks(acting, first, last)
     return instants / settings.scales.of(TIME), actions_there
 
@@ -321,8 +322,8 @@ def _parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str, Flo
 
 def _rest_of(model: Model, name: str) -> float:
     """Return what is left of a constant beside the nearest float."""
-    if name in model.parameters:
-        return rest_of(model.parameters[name].quantity)
+    if name in model.statement.parameters:
+        return rest_of(model.statement.parameters[name].quantity)
     if name == "pi":
         return PI.low
     return nearest(constant(name).factor).low if name in CONSTANTS or name in model.shaped.calendar else 0.0
@@ -343,7 +344,7 @@ def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
     if settings.precision != DOUBLE_DOUBLE:
         return np.empty(0)
     rests = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
-    first, last = exact_time(model.initial["t"]), exact_value(settings.until)
+    first, last = exact_time(model.statement.initial["t"]), exact_value(settings.until)
     rests |= {
         float(time): nearest(time).low
         for time in exact_ticks((*actions(model.controllers), *alarms(model.events)), first, last)
@@ -370,7 +371,7 @@ def _wholes(model: Model) -> Iterator[Node]:
 def _elements(model: Model) -> Iterator[Node]:
     """Yield what moves a model, without functions in Python."""
     parts = [part for terms in model.force_components.values() for part in terms.values()]
-    rates = [part.rate for part in model.states.values()]
+    rates = [part.rate for part in model.statement.states.values()]
     for part in (*parts, *model.statement.mass_entries.values(), *rates):
         if not isinstance(part, Function):
             yield model.expanded(part)

@@ -312,7 +312,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
         for term, components in model.force_components.items()
         for name, tree in components.items()
     }
-    trees |= {rate(name): state.rate for name, state in model.states.items()}
+    trees |= {rate(name): state.rate for name, state in model.statement.states.items()}
     for name, tree in trees.items():
         if not isfinite(values[name]):
             why = "" if isinstance(tree, Function) else undefined_part(model.expanded(tree), values)

@@ -48,7 +48,7 @@ def past_arrays(
     model: Model, law: Law, scales: Scales, tables: Floats, places: NDArray[np.int64]
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of a run for delayed values, none without delays; `tables` and `places` with room for them."""
-    layout, count, start = law.layout, len(model.delays), model.initial["t"].si / scales.of(TIME)
+    layout, count, start = law.layout, len(model.delays), model.statement.initial["t"].si / scales.of(TIME)
     first_breaks = np.zeros(0)
     delays, book = np.zeros(count, DELAY), np.zeros(min(count, 1), BOOK)
     if count:

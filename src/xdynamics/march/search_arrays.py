@@ -85,7 +85,7 @@ def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[st
 def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of contacts and friction elements, with room for the problems that they pose."""
     all_reactions, scales = reactions(model), settings.scales
-    m, n = len(all_reactions), len(model.coordinates)
+    m, n = len(all_reactions), len(model.statement.coordinates)
     unknowns = sum(1 if reaction.sort == NORMAL else 3 for reaction in all_reactions)
     fixed = np.zeros(m, REACTION)
     for row, reaction in zip(fixed, all_reactions, strict=True):

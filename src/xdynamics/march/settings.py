@@ -27,7 +27,8 @@ from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.controllers import actions, alarms, exact_time, faults_of_ticks
 from xdynamics.model.parts import MOST_REACTIONS
-from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
+from xdynamics.model.regime_model import regime_model
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import ENERGIES, sampled
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
@@ -218,7 +219,7 @@ class Settings:
         InputError
             If settings are invalid; with every fault, its value and what is needed.
         """
-        start, second = model.initial["t"].si, unit_suffix(model.time_unit)
+        start, second = model.statement.initial["t"].si, unit_suffix(model.time_unit)
         faults = [
             *self._grid_faults(start, second),
             *self._estimator_faults(),
@@ -273,7 +274,7 @@ class Settings:
             many = next(iter(model.assemblies))
             goes = f"contact '{many}' has many links, which do not go with {acting[0].owner}, which acts at times of its own"
             return [f"{goes}; write single contacts, {MOST_REACTIONS} forces at most"]
-        return faults_of_ticks(acting, exact_time(model.initial["t"]), exact_value(self.until), second)
+        return faults_of_ticks(acting, exact_time(model.statement.initial["t"]), exact_value(self.until), second)
 
     def _faults_of_scales(self, model: Model) -> list[str]:
         faults = []

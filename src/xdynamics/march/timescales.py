@@ -114,7 +114,9 @@ def _derivatives(march: March, row: int) -> Floats:
 
 def beyond_eigenvalues(model: Model) -> bool:
     """Whether a model has too many numbers to look for eigenvalues: one in loops, or one that constraints couple."""
-    return beyond_trees(model) or (has_loops(model) and 2 * len(model.coordinates) + len(model.states) > MOST_NUMBERS)
+    return beyond_trees(model) or (
+        has_loops(model) and 2 * len(model.statement.coordinates) + len(model.statement.states) > MOST_NUMBERS
+    )
 
 
 def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:

@@ -140,7 +140,9 @@ class Passages:
         state |= {name: row * size for name, row, size in zip(self.layout.used, rows[2:], sizes, strict=True)}
         known = dict(constants(model))
         own = zip(known, run.p.tolist(), strict=False)
-        known |= {name: value * scales.of(model.dimensions[name]) for name, value in own if name in model.parameters}
+        known |= {
+            name: value * scales.of(model.dimensions[name]) for name, value in own if name in model.statement.parameters
+        }
         values = evaluated_many(model, wanted, state, known, tables_of(model))
         return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]
 

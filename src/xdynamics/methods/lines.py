@@ -246,8 +246,8 @@ def _polynomials(text: str) -> tuple[Line, ...]:
 
 def printed(text: str, model: Model | None = None) -> str:
     """Return the lines of a text as one line, with the vectors that a model has; with all if no model is passed."""
-    motion = model is None or bool(model.coordinates)
-    states = model is None or bool(model.states)
+    motion = model is None or bool(model.statement.coordinates)
+    states = model is None or bool(model.statement.states)
     return _printed(text, motion=motion, states=states)
 
 

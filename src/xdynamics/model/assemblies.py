@@ -148,15 +148,15 @@ class Assembly:
         """Models of one link, whose coordinates are the leaves: with its gap as an event, and as a contact."""
         old, names = self.model, {leaf.name: Name(leaf_name(k)) for k, leaf in enumerate(self.leaves)}
         units = old.statement.coordinates | old.statement.parameters
-        dimensions = {name: old.dimensions[name] for name in (*old.parameters,) if name not in names}
-        coordinates, masses, initial = {}, {}, {"t": old.initial["t"]}
+        dimensions = {name: old.dimensions[name] for name in (*old.statement.parameters,) if name not in names}
+        coordinates, masses, initial = {}, {}, {"t": old.statement.initial["t"]}
         for k, leaf in enumerate(self.leaves):
             own, part = leaf_name(k), units[leaf.name]
             unit = part.unit if isinstance(part, Coordinate) else part.quantity.unit
             coordinates[own] = Coordinate(unit)
             initial |= {own: Quantity(0.0, unit), velocity(own): Quantity(0.0, unit.per(old.time_unit))}
             dimensions |= {own: unit.dimension, velocity(own): unit.per(old.time_unit).dimension}
-            place = [*old.coordinates].index(leaf.name) if k < self.coordinates else -1
+            place = [*old.statement.coordinates].index(leaf.name) if k < self.coordinates else -1
             masses[own] = expand(old.expanded(old.mass[place][place]), names) if place >= 0 else ONE
         moving = {velocity(leaf.name): Name(velocity(leaf_name(k))) for k, leaf in enumerate(self.leaves)}
         trees: dict[str, Any] = {
@@ -168,7 +168,7 @@ class Assembly:
             old.name,
             old.description,
             coordinates,
-            {name: part for name, part in old.parameters.items() if name in dimensions},
+            {name: part for name, part in old.statement.parameters.items() if name in dimensions},
             Diagonal([*coordinates], Lazy[Node](masses)),
             initial=initial,
             time_unit=old.time_unit,
@@ -212,13 +212,13 @@ def written_assemblies(model: Model) -> tuple[Assembly, ...]:
 
 def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
     shapes, dims = model.shapes, model.shapes.dims.get(name, ())
-    elements, named = _elements(model), {velocity(name): name for name in model.coordinates}
+    elements, named = _elements(model), {velocity(name): name for name in model.statement.coordinates}
     found = set[str]().union(*(free_names(model.expanded(tree)) for tree in _trees(contact).values()))
     read = sorted({named.get(name, name) for name in found} & elements)
-    masses = [model.mass[i][i] for i, coordinate in enumerate(model.coordinates) if coordinate in read]
+    masses = [model.mass[i][i] for i, coordinate in enumerate(model.statement.coordinates) if coordinate in read]
     read = sorted({*read, *set[str]().union(*(free_names(model.expanded(tree)) for tree in masses)) & elements})
-    ordered = [coordinate for coordinate in model.coordinates if coordinate in read]
-    ordered += [name for name in read if name not in model.coordinates]
+    ordered = [coordinate for coordinate in model.statement.coordinates if coordinate in read]
+    ordered += [name for name in read if name not in model.statement.coordinates]
     leaves = tuple(_leaf(name, dims, shapes) for name in ordered)
     relation = shapes.relations.get(dims[0]) if len(dims) == 1 else None
     paired = (
@@ -226,7 +226,7 @@ def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
         and _is_every_two(relation, shapes)
         and all(follows != LINK for leaf in leaves for follows, _ in leaf.along)
     )
-    coordinates = sum(leaf.name in model.coordinates for leaf in leaves)
+    coordinates = sum(leaf.name in model.statement.coordinates for leaf in leaves)
     return Assembly(name, contact, leaves, coordinates, paired, model)
 
 
@@ -238,7 +238,7 @@ def _trees(contact: Contact) -> dict[str, Node]:
 
 def _elements(model: Model) -> set[str]:
     """Return the coordinates, and the parameters that are elements."""
-    return {*model.coordinates, *(name for name in model.parameters if parted(name)[1])}
+    return {*model.statement.coordinates, *(name for name in model.statement.parameters if parted(name)[1])}
 
 
 def _leaf(name: str, dims: tuple[str, ...], shapes: Shapes) -> Leaf:
@@ -293,7 +293,7 @@ def _compare_masses(
 ) -> None:
     """Refuse masses at a link that are not those of the first link with other elements."""
     model = assembly.model
-    places = {name: place for place, name in enumerate(model.coordinates)}
+    places = {name: place for place, name in enumerate(model.statement.coordinates)}
     for leaf in assembly.leaves[: assembly.coordinates]:
         here, there = (model.mass[place][place] for place in (places[elements[leaf]], places[leaf.name]))
         if expand(model.expanded(here), renamed) != expand(model.expanded(there), pattern):

@@ -80,17 +80,17 @@ def conditions(model: Model) -> tuple[Condition, ...]:
 
 def rates_of_states(model: Model) -> dict[str, Node]:
     """Return the rate of each first-order state as it is written: where a condition reads an attitude, say."""
-    return {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
+    return {rate(name): model.expanded(state.rate) for name, state in model.statement.states.items()}
 
 
 def beyond_trees(model: Model) -> bool:
     """Whether constraints couple so many coordinates that derivatives of the accelerations are left to differences."""
-    return bool(model.constraints) and len(model.coordinates) > MOST_DIFFERENTIATED
+    return bool(model.constraints) and len(model.statement.coordinates) > MOST_DIFFERENTIATED
 
 
 def moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
     """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
-    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
+    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.statement.coordinates}
     accelerations = {Name(acceleration(name)) for name in rows}
     unaccelerated = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
     return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, unaccelerated)
@@ -101,7 +101,7 @@ def multiplier_dimensions(model: Model) -> dict[str, Dimension]:
     if not model.constraints:
         return {}
     dimensions, by_condition = model.dimensions, dict[str, Dimension]()
-    place = {name: i for i, name in enumerate(model.coordinates)}
+    place = {name: i for i, name in enumerate(model.statement.coordinates)}
     for condition in conditions(model):
         name = next(iter(condition.row))
         inertia = dimension_of(model.mass[place[name]][place[name]], dimensions)
@@ -160,7 +160,7 @@ def correcting(model: Model) -> Iterator[Assignment]:
         ("shift", [condition.residual for condition in conditions(model)]),
         ("slow", [condition.rate for condition in conditions(model)]),
     ):
-        targets = {name: f"_{word}_{name}" for name in model.coordinates}
+        targets = {name: f"_{word}_{name}" for name in model.statement.coordinates}
         yield from bound(model, {}, lags, targets, [f"_{word}{k}" for k in range(len(lags))])
     for name, tree in attached(model).items():
         yield Assignment(f"_shift_{name}", tree)
@@ -171,7 +171,7 @@ def keeping_along(model: Model) -> Iterator[Assignment]:
     yield from factors(model)
     yield from tying(model)
     off = [Name(f"_off{k}") for k in range(len(conditions(model)))]
-    targets = {name: f"_shift_{name}" for name in model.coordinates}
+    targets = {name: f"_shift_{name}" for name in model.statement.coordinates}
     yield from bound(model, {}, off, targets, [f"_kept{k}" for k in range(len(off))])
 
 
@@ -179,10 +179,10 @@ def keeping_along(model: Model) -> Iterator[Assignment]:
 def attached(model: Model) -> dict[str, Node]:
     """Return how far each state that conditions read goes with the coordinates, by its rate's derivatives by velocities."""
     read = set[str]().union(*(free_names(condition.residual) for condition in conditions(model)))
-    by = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.coordinates}
+    by = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.statement.coordinates}
     return {
         name: total(list(derivatives(model.expanded(state.rate), by).values()))
-        for name, state in model.states.items()
+        for name, state in model.statement.states.items()
         if name in read
     }
 
@@ -258,7 +258,7 @@ def _coupled(model: Model) -> frozenset[tuple[int, int]]:
 
 def _reached(model: Model, condition: Condition) -> list[str]:
     """Return the coordinates that a multiplier accelerates by itself: all of them through a full mass."""
-    return list(model.coordinates) if model.mass_is_full else list(condition.row)
+    return list(model.statement.coordinates) if model.mass_is_full else list(condition.row)
 
 
 def _row(k: int, name: str) -> str:

@@ -45,7 +45,7 @@ def _bound(model: Model, by: str) -> Iterator[Assignment]:
     """Write the derivatives of accelerations by one variable where conditions hold: of R a + bias = 0, too."""
     free = {name: Name(f"_free_da_{name}_{by}") for name in _changes(model)[by]}
     lags = [_lag(model, k, by) for k in range(len(conditions(model)))]
-    targets = {name: f"_da_{name}_{by}" for name in model.coordinates}
+    targets = {name: f"_da_{name}_{by}" for name in model.statement.coordinates}
     yield from bound(model, free, lags, targets, [f"_du{k}_{by}" for k in range(len(lags))])
 
 
@@ -77,7 +77,7 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
     With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
     """
     inertia_terms: dict[tuple[str, str], list[Node]] = {}
-    coordinates = list(model.coordinates)
+    coordinates = list(model.statement.coordinates)
     for (i, j), by in mass_derivatives(model):
         term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
         inertia_terms.setdefault((coordinates[i], by), []).append(term)
@@ -98,7 +98,7 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
 
 def _acting(model: Model) -> list[tuple[str, str]]:
     """Return the pairs of a coordinate and a variable that its force depends on."""
-    owners = {f"force_{name}": name for name in model.coordinates}
+    owners = {f"force_{name}": name for name in model.statement.coordinates}
     return [(owners[key], by) for key, by in force_derivatives(model) if key in owners]
 
 
@@ -111,7 +111,7 @@ def jacobian(model: Model) -> dict[tuple[str, str], str]:
         Keyed by a coordinate (for its acceleration) or the rate of a state, and the variable of differentiation.
     """
     columns = _places(model)
-    rows = {name: i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
+    rows = {name: i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))}
     names = {(name, by): f"_da_{name}_{by}" for by, right in _changes(model).items() for name in right}
     names |= {(key, by): f"_dF_{key}_{by}" for key, by in force_derivatives(model) if key in rows}
     return {pair: names[pair] for pair in sorted(names, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
@@ -132,13 +132,13 @@ def force_totals(model: Model) -> dict[str, Node]:
             f"model '{model.name}' has forces written in Python, {named}, which have no derivative;"
             " write them as expressions to linearise the model"
         )
-    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.coordinates}
+    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.statement.coordinates}
     for term, components in model.force_components.items():
         for name, component in components.items():
             if not isinstance(component, Function):
                 tree = in_regimes(model, term, model.expanded(component))
                 totals[f"force_{name}"] = add(totals[f"force_{name}"], tree)
-    return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
+    return totals | {rate(name): model.expanded(state.rate) for name, state in model.statement.states.items()}
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,8 @@ from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
-from xdynamics.model.switches import LOCATED_EVERYWHERE, RegimeModel, side, where_it_decides
+from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.switches import LOCATED_EVERYWHERE, side, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;

@@ -13,7 +13,7 @@ from xdynamics.schema import velocity
 
 def energies(model: Model) -> dict[str, Node]:
     """Return kinetic energy and, where a force has a potential, potential and total energy."""
-    moving = list(map(velocity, model.coordinates))
+    moving = list(map(velocity, model.statement.coordinates))
     kinetic = _sum(
         Binary("*", Binary("/", model.expanded(entry), Number(2.0)), Binary("*", Name(moving[i]), Name(moving[j])))
         for (i, j), entry in model.statement.mass_entries.items()

@@ -120,7 +120,7 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
         If a force is written in Python, or a state lacks a number.
     """
     constant_values, tables, names = constants(model), tables_of(model), variables(model)
-    n, column_of = len(model.coordinates), {name: i for i, name in enumerate(names)}
+    n, column_of = len(model.statement.coordinates), {name: i for i, name in enumerate(names)}
     mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     attitudes = [column_of[part] for parts in unit_quaternions(model.shaped.bodies, model.shapes) for part in parts]
     derived = _of_wholes if is_dense(model) else _of_elements
@@ -144,9 +144,12 @@ def _of_wholes(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, 
 
 def _of_elements(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, Floats]:
     """Return accelerations, the derivatives of accelerations and rates, and dF - dM a; add all that they follow from."""
-    names, n = variables(model), len(model.coordinates)
+    names, n = variables(model), len(model.statement.coordinates)
     column_of = {name: i for i, name in enumerate(names)}
-    row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
+    row_of = {
+        name: i
+        for i, name in enumerate((*model.statement.coordinates, *(rate(name) for name in model.statement.states)))
+    }
     values |= tape(model).evaluated(values)
     derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
     for (row, by), name in jacobian(model).items():
@@ -154,7 +157,7 @@ def _of_elements(model: Model, values: dict[str, float]) -> tuple[Floats, Floats
         derivatives[place] = values[name]
         if place[0] < n:
             slopes[place] = values[f"_s_{row}_{by}"]
-    return np.array([values[acceleration(name)] for name in model.coordinates]), derivatives, slopes
+    return np.array([values[acceleration(name)] for name in model.statement.coordinates]), derivatives, slopes
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
@@ -165,7 +168,7 @@ def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterat
     InputError
         If a state lacks a number.
     """
-    constant_values, tables, n = constants(model), tables_of(model), len(model.coordinates)
+    constant_values, tables, n = constants(model), tables_of(model), len(model.statement.coordinates)
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     for state in states:
         values = inputs_of(model, _checked(model, state), constant_values, tables)
@@ -177,7 +180,7 @@ def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterat
 
 def initial_state(model: Model) -> dict[str, float]:
     """Return a model's initial time and state in SI units."""
-    return {name: model.initial[name].si for name in ("t", *variables(model))}
+    return {name: model.statement.initial[name].si for name in ("t", *variables(model))}
 
 
 def _checked(model: Model, state: Mapping[str, float]) -> dict[str, float]:

@@ -22,7 +22,7 @@ class Assignment:
 def factors(model: Model) -> Iterator[Assignment]:
     """Write what solving with the mass needs: its diagonal, or the factors of M = L D L^T."""
     if not model.mass_is_full:
-        for i in range(len(model.coordinates)):
+        for i in range(len(model.statement.coordinates)):
             yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
         return
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
@@ -38,8 +38,10 @@ def solved(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None =
     """Solve M u = right for the unknowns, by division or forward and back through the factors."""
     unknowns, right = list(rows), list(rows.values())
     if not model.mass_is_full:
-        place = {name: i for i, name in enumerate(model.coordinates)}
-        for name, unknown, tree in zip(model.coordinates if names is None else names, unknowns, right, strict=True):
+        place = {name: i for i, name in enumerate(model.statement.coordinates)}
+        for name, unknown, tree in zip(
+            model.statement.coordinates if names is None else names, unknowns, right, strict=True
+        ):
             yield Assignment(unknown, Binary("/", tree, Name(f"_m{place[name]}")))
         return
     n = len(unknowns)

@@ -22,7 +22,7 @@ from xdynamics.model.element_values import following, gathered, in_units_of, of_
 from xdynamics.model.elements import Elements
 from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
-from xdynamics.model.model_trees import ModelTrees
+from xdynamics.model.model_trees import BY_NAME, ModelTrees
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
@@ -79,6 +79,8 @@ class Model(ModelTrees):
     ... )
     >>> Model.from_text(model.to_toml()) == model
     True
+    >>> model.initial
+    <initial: t = 0.0 s, x = 1.0 m, v_x = 0.0 m s-1>
     """
 
     file: Path | None = None  # that it was read from
@@ -302,20 +304,20 @@ class Model(ModelTrees):
         """Return the derivatives of values at the start by parameters that they follow, by both names, in SI units."""
         if not self.read_at_start.intersection(parameters):
             return {}
-        return ElementNumbers(self.shaped, self.shapes).slopes(self.parameters, parameters)
+        return ElementNumbers(self.shaped, self.shapes).slopes(self.statement.parameters, parameters)
 
     def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
         if not self.read_at_start & parameters.keys():
             return {}
-        known = {name: part.quantity.si for name, part in self.parameters.items()}
+        known = {name: part.quantity.si for name, part in self.statement.parameters.items()}
         return ElementNumbers(self.shaped, self.shapes).varied(parameters, known)
 
     @cached_property
     def read_by_points(self) -> frozenset[str]:
         """The parameters on which it depends when the points of tables are passed: of arguments that are linear in t."""
         timed = [self.expanded(part.argument) for name, part in self.drives.items() if self.looked_up_at[name] == CLOCK]
-        return frozenset(name for tree in timed for name in free_names(tree) if name in self.parameters)
+        return frozenset(name for tree in timed for name in free_names(tree) if name in self.statement.parameters)
 
     @cached_property
     def digest(self) -> str:
@@ -383,7 +385,8 @@ class Model(ModelTrees):
         self, statement: Statement, dimensions: dict[str, Dimension], shapes: Shapes, declared: Statement | None
     ) -> None:
         self.statement, self.shapes, self._declared = statement, shapes, declared
-        self.__dict__.update(vars(statement), dimensions=dimensions)
+        parts = {name: part for name, part in vars(statement).items() if name not in BY_NAME}
+        self.__dict__.update(parts, dimensions=dimensions)
 
 
 def check_model(model: Any) -> None:

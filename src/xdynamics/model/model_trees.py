@@ -34,12 +34,15 @@ from xdynamics.model.parts import (
     State,
     Validation,
 )
+from xdynamics.model.read_only_sections import ReadOnlySection
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes
 from xdynamics.units import Dimension, Quantity, Unit
+
+BY_NAME = ("coordinates", "states", "parameters", "initial")  # sections by the names of the file; see `ReadOnlySection`
 
 
 class ModelTrees:
@@ -48,14 +51,10 @@ class ModelTrees:
     statement: Statement
     name: str
     description: str
-    coordinates: dict[str, Coordinate]
-    parameters: dict[str, Parameter]
     mass: Sequence[tuple[Node, ...]]
     definitions: dict[str, Node]
     forces: dict[str, Force]
     drives: dict[str, Drive]
-    states: dict[str, State]
-    initial: dict[str, Quantity]
     history: dict[str, Node]
     starts: dict[str, Parameter]
     events: dict[str, Event]
@@ -82,6 +81,26 @@ class ModelTrees:
     dimensions: dict[str, Dimension]
     shapes: Shapes
     _declared: Statement | None
+
+    @cached_property
+    def coordinates(self) -> Mapping[str, Coordinate]:
+        """The coordinates, each with its unit and its dimensions."""
+        return ReadOnlySection("coordinates", (self._declared or self.statement).coordinates, self.shapes)
+
+    @cached_property
+    def states(self) -> Mapping[str, State]:
+        """The first-order states, each with its unit and its dimensions."""
+        return ReadOnlySection("states", (self._declared or self.statement).states, self.shapes)
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """The parameters, those with dimensions by element: ``m[Sun]``."""
+        return ReadOnlySection("parameters", self.statement.parameters, self.shapes)
+
+    @cached_property
+    def initial(self) -> Mapping[str, Quantity]:
+        """Time, coordinates, velocities and states at the start, those with dimensions by element: ``r[Sun, x]``."""
+        return ReadOnlySection("initial", self.statement.initial, self.shapes)
 
     @property
     def _written(self) -> Statement:
@@ -174,7 +193,9 @@ class ModelTrees:
     def uncertain(self) -> dict[str, Parameter]:
         """The inputs with an uncertainty: parameters, then values at the start."""
         return {
-            name: parameter for name, parameter in (self.parameters | self.starts).items() if parameter.uncertainty > 0
+            name: parameter
+            for name, parameter in (self.statement.parameters | self.starts).items()
+            if parameter.uncertainty > 0
         }
 
     @property
@@ -225,13 +246,13 @@ class ModelTrees:
     def rates(self) -> dict[str, Node]:
         """The time derivative along the motion of every name that varies."""
         rates: dict[str, Node] = {"t": ONE}
-        for name in self.coordinates:
+        for name in self.statement.coordinates:
             rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
-        rates |= {name: Name(rate(name)) for name in self.states}
+        rates |= {name: Name(rate(name)) for name in self.statement.states}
         for name in self.drives:
             rates[name] = multiply(Name(f"_slope_{name}"), derivative(self.looked_up_at[name], rates))
         for delay in range(len(self.delays)):
-            rates |= delayed_rates(delay, self.coordinates, self.states)
+            rates |= delayed_rates(delay, self.statement.coordinates, self.statement.states)
             for name in self.drives:
                 before, place = value_before(delay, name), place_before(self.looked_up_at[name], self.moving, delay)
                 rates[before] = multiply(Name(slope_before(before)), derivative(place, rates))
@@ -240,6 +261,6 @@ class ModelTrees:
     def _components(self, force: Force) -> Mapping[str, Node | Function]:
         if force.components or force.potential is None:
             return force.components
-        rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
+        rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.statement.coordinates}
         gradient = derivatives(self.expanded(force.potential), rates)
-        return {name: negative(gradient[name]) for name in self.coordinates if name in gradient}
+        return {name: negative(gradient[name]) for name in self.statement.coordinates if name in gradient}

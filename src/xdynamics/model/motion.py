@@ -28,7 +28,8 @@ from xdynamics.model.mass import Assignment, factors, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free, modes, reacting, reactions, unloaded
-from xdynamics.model.switches import Switch, switch_inputs, where_it_decides
+from xdynamics.model.regime_model import switch_inputs
+from xdynamics.model.switches import Switch, where_it_decides
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.shapes.blocks import Blocks
@@ -41,7 +42,11 @@ Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def variables(model: Model) -> tuple[str, ...]:
     """Return the variables of the motion: coordinates, velocities, first-order states."""
-    return (*model.coordinates, *(velocity(name) for name in model.coordinates), *model.states)
+    return (
+        *model.statement.coordinates,
+        *(velocity(name) for name in model.statement.coordinates),
+        *model.statement.states,
+    )
 
 
 def first_regime(model: Model) -> int:
@@ -76,13 +81,16 @@ def motion(model: Model) -> tuple[Assignment, ...]:
         assignments += tying(model)
         assignments += bound(
             model,
-            {name: Name(unbound(name)) for name in model.coordinates},
+            {name: Name(unbound(name)) for name in model.statement.coordinates},
             [condition.bias for condition in tied],
-            {name: free_of_reactions(name) for name in model.coordinates},
+            {name: free_of_reactions(name) for name in model.statement.coordinates},
             [unloaded(condition) if reactions(model) else constraint_force(condition.name) for condition in tied],
         )
     assignments += reacting(model)
-    return (*assignments, *(Assignment(rate(name), model.expanded(state.rate)) for name, state in model.states.items()))
+    return (
+        *assignments,
+        *(Assignment(rate(name), model.expanded(state.rate)) for name, state in model.statement.states.items()),
+    )
 
 
 def _terms(model: Model) -> Iterator[Assignment]:
@@ -131,7 +139,7 @@ def constant_names(model: Model) -> Blocks:
 
 
 def _parameter_names(model: Model) -> Blocks:
-    parameters = model.parameters
+    parameters = model.statement.parameters
     return parameters.names if isinstance(parameters, Elementwise) else Blocks.of("parameter", parameters)
 
 
@@ -142,7 +150,7 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     They are in SI units over the scales. A march that closes a contact changes the modes, which come last.
     """
     dimensions = model.dimensions
-    values = {name: part.si / scales.of(dimensions[name]) for name, part in model.parameters.items()}
+    values = {name: part.si / scales.of(dimensions[name]) for name, part in model.statement.parameters.items()}
     return values | _unit_constants(model, scales) | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
 
 
@@ -150,7 +158,7 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float64]:
     """Return the values of `constants`, without one of each element of a parameter by its name."""
     blocks = _parameter_names(model)
-    values, first = in_si(model.parameters, blocks), 0
+    values, first = in_si(model.statement.parameters, blocks), 0
     for block in blocks.blocks:
         values[first : first + block.size] /= scales.of(model.dimensions[block.first])
         first += block.size
@@ -174,7 +182,8 @@ def _before(model: Model, scales: Scales) -> dict[str, float]:
     here = {in_history(i): 1.0 for i in range(len(model.delays))}
     names = [name for name in model.moving if name not in model.history]
     return here | {
-        value_at_start(name): model.initial[name].si / scales.of(model.dimensions[name]) for name in sorted(names)
+        value_at_start(name): model.statement.initial[name].si / scales.of(model.dimensions[name])
+        for name in sorted(names)
     }
 
 
@@ -360,7 +369,7 @@ def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
 @lru_cache(maxsize=64)
 def _given(model: Model) -> frozenset[str]:
     """Name what the motion never assigns: it need not be written to know that, which takes long for many bodies."""
-    return frozenset(("t", REGIME_NUMBER, *variables(model), *model.parameters, *CONSTANTS, "pi"))
+    return frozenset(("t", REGIME_NUMBER, *variables(model), *model.statement.parameters, *CONSTANTS, "pi"))
 
 
 @lru_cache(maxsize=512)
@@ -382,4 +391,4 @@ def _totals(model: Model) -> dict[str, Node]:
         for name in components:
             addend = Name(force(term, name))
             totals[name] = Binary("+", totals[name], addend) if name in totals else addend
-    return {name: totals.get(name, ZERO) for name in model.coordinates}
+    return {name: totals.get(name, ZERO) for name in model.statement.coordinates}

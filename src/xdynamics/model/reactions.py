@@ -129,7 +129,7 @@ def reaction_dimensions(model: Model) -> dict[str, Dimension]:
     """Return the dimension of each reaction: power over that of its rate."""
     dimensions, by_reaction = model.dimensions, {}
     for reaction in reactions(model):
-        i, name = next((i, name) for i, name in enumerate(model.coordinates) if name in reaction.row)
+        i, name = next((i, name) for i, name in enumerate(model.statement.coordinates) if name in reaction.row)
         power = (
             dimension_of(model.mass[i][i], dimensions)
             * dimensions[name]
@@ -175,7 +175,7 @@ def reacting(model: Model) -> Iterator[Assignment]:
     for c, condition in enumerate(conditions(model)):
         shares = (multiply(Name(_borne(k, c)), Name(reaction.name)) for k, reaction in enumerate(acting))
         yield Assignment(constraint_force(condition.name), total([Name(unloaded(condition)), *shares]))
-    for name in model.coordinates:
+    for name in model.statement.coordinates:
         pulls = [
             multiply(Name(_reach(k, name)), Name(reaction.name))
             for k, reaction in enumerate(acting)
@@ -222,7 +222,7 @@ def table(model: Model) -> tuple[list[Node], ...]:
         effect of a unit of it on each acceleration.
     """
     acting = reactions(model)
-    coordinates = list(model.coordinates) if acting else []  # the names of a million are 0.1 GB
+    coordinates = list(model.statement.coordinates) if acting else []  # the names of a million are 0.1 GB
     numbers: list[Node] = []
     grams: list[Node] = []
     rows: list[Node] = []
@@ -263,7 +263,7 @@ def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: 
 
 def _reached(model: Model, reaction: Reaction) -> list[str]:
     """Return the coordinates that a reaction accelerates: all of them through a full mass, or constraints."""
-    return list(model.coordinates) if model.mass_is_full or model.constraints else list(reaction.row)
+    return list(model.statement.coordinates) if model.mass_is_full or model.constraints else list(reaction.row)
 
 
 def _meet(model: Model, reaction: Reaction, other: Reaction) -> list[str]:

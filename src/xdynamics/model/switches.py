@@ -26,10 +26,8 @@ from xdynamics.model.delays import is_before
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
-from xdynamics.model.one_sided_trees import on_sides
 from xdynamics.model.parts import Function
 from xdynamics.model.switch_names import MOST_COUNTED, named
-from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 from xdynamics.shapes.naming import element, parted
 from xdynamics.shapes.trees import expanded
@@ -253,79 +251,6 @@ def watched_switches(model: Model) -> tuple[Switch, ...]:
     return () if are_too_many(model) else switches(model)
 
 
-class RegimeModel(Model):
-    """A model on the sides of its switches: its forces take the side of each switch from the march.
-
-    Up to the very end of a step that ends at a switch they are those of the side that the motion came from, and after
-    it those of the other side.
-
-    Parameters
-    ----------
-    plain : Model
-    switches : tuple of Switch
-    located : {"located", "located everywhere"}
-        Whether switches are watched where they have an effect, or also elsewhere.
-    """
-
-    def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
-        own = ("digest", "form", "force_components")
-        self.__dict__.update({name: value for name, value in vars(plain).items() if name not in own})
-        self.plain, self.switches, self.located = plain, switches, located
-        self.states = {
-            name: replace(state, rate=self._on_sides(name, state.rate)) for name, state in plain.states.items()
-        }
-
-    @cached_property
-    def digest(self) -> str:
-        """The digest of the plain model, and where its switches are located."""
-        return f"{self.plain.digest} {self.located}"
-
-    @cached_property
-    def form(self) -> str:
-        """The form of the plain model, and where its switches are located: they are other programs."""
-        return f"{self.plain.form}\n# switches: {self.located}\n"
-
-    @cached_property
-    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
-        """The components of every force term, with the sides of switches in place of signs and comparisons."""
-        terms = self.plain.force_components
-        return {
-            term: {
-                name: component if isinstance(component, Function) else self._on_sides(term, component)
-                for name, component in components.items()
-            }
-            for term, components in terms.items()
-        }
-
-    def _on_sides(self, owner: str, tree: Node) -> Node:
-        sides = {
-            switch.function: side(i)
-            for i, switch in enumerate(self.switches)
-            if switch.owner == parted(owner)[0] and not switch.drive
-        }
-        return on_sides(self.plain.expanded(tree), sides) if sides else tree
-
-
-@lru_cache(maxsize=64)
-def regime_model(model: Model, located: str = LOCATED) -> Model:
-    """Return a model on the sides of its switches; the model itself if it has none, or they are stepped over."""
-    watched = watched_switches(model)
-    if not watched or isinstance(model, RegimeModel) or located == STEPPED_OVER:
-        return model
-    return RegimeModel(model, watched, LOCATED if located == LANDED_ON else located)
-
-
-def switch_inputs(model: Model) -> tuple[str, ...]:
-    """Name the numbers that forces take from the march: the side of each switch, or the next points of its table."""
-    groups = [borders(switch.drive) if switch.drive else (side(i),) for i, switch in enumerate(watched_by(model))]
-    return tuple(name for names in groups for name in names)
-
-
-def watched_by(model: Model) -> tuple[Switch, ...]:
-    """Return the switches whose sides the forces of a model take from the march: none, unless it is a `RegimeModel`."""
-    return model.switches if isinstance(model, RegimeModel) else ()
-
-
 def borders(drive: str) -> tuple[str, str, str, str]:
     """Name the numbers p, q, r, s by which p*x + q and s - r*x are positive between two points of a table."""
     return f"_left_{drive}", f"_left_far_{drive}", f"_right_{drive}", f"_right_far_{drive}"
@@ -354,7 +279,7 @@ def _written_out(model: Model, components: Mapping[str, Node | Function]) -> Ite
 
 
 def _rates(model: Model, name: str) -> Iterator[Node]:
-    return (model.expanded(model.states[element].rate) for element in model.shapes.elements(name))
+    return (model.expanded(model.statement.states[element].rate) for element in model.shapes.elements(name))
 
 
 def _may_switch(model: Model) -> bool:
@@ -395,4 +320,6 @@ def _moves(model: Model, function: Node) -> bool:
 
 @lru_cache(maxsize=1)
 def _moving(model: Model) -> frozenset[str]:
-    return frozenset({"t", *model.coordinates, *map(velocity, model.coordinates), *model.states})
+    return frozenset(
+        {"t", *model.statement.coordinates, *map(velocity, model.statement.coordinates), *model.statement.states}
+    )

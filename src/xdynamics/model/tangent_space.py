@@ -38,7 +38,7 @@ def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
         with what velocities change by them, then of velocities, then of states. Otherwise changes of (q, x) together, with
         what velocities change by them, then of velocities. Apart from what follows, either are orthonormal.
     """
-    n, size, free = len(model.coordinates), len(variables(model)), free_coordinates(model)
+    n, size, free = len(model.statement.coordinates), len(variables(model)), free_coordinates(model)
     if not model.constraints:
         return np.eye(size)
     residuals, rates = _gradients(model, values)
@@ -66,7 +66,7 @@ def _in_order(moves: Floats, following: Floats, speeds: Floats, first: int) -> F
 
 def displacements(model: Model, values: Mapping[str, float]) -> Floats:
     """Return independent displacements along which no condition acts, as columns, shape (n, n - rank)."""
-    n = len(model.coordinates)
+    n = len(model.statement.coordinates)
     if not model.constraints:
         return np.eye(n)
     return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent(model)[0])
@@ -78,7 +78,7 @@ def turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
     Displacements Z that stay orthogonal in the metric of the mass turn with the motion by F = Z', so that what is left of
     M d2(Z u)/dt2 along Z is Z^T M Z u'' - F^T M F u. Of rolling, and of attitudes, none is counted.
     """
-    n, moves = len(model.coordinates), displacements(model, values)
+    n, moves = len(model.statement.coordinates), displacements(model, values)
     if not (model.constraints and free_coordinates(model)):
         return np.zeros_like(moves)
     rates = _gradients(model, values)[1]
@@ -90,14 +90,18 @@ def turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
 def free_coordinates(model: Model) -> int:
     """Return how many coordinates are left to linear equations q' = v; 0 where they are of the first order."""
     tied = conditions(model)
-    holonomic = all(c.residual != ZERO and not free_names(c.residual) & model.states.keys() for c in tied)
-    return len(model.coordinates) - independent(model)[0] if holonomic else 0
+    holonomic = all(c.residual != ZERO and not free_names(c.residual) & model.statement.states.keys() for c in tied)
+    return len(model.statement.coordinates) - independent(model)[0] if holonomic else 0
 
 
 def count_of_changes(model: Model) -> int:
     """Return the number of columns of `tangent_space`."""
     size, free = len(variables(model)), free_coordinates(model)
-    return size - 2 * (len(model.coordinates) - free) if free or not model.constraints else size - independent(model)[1]
+    return (
+        size - 2 * (len(model.statement.coordinates) - free)
+        if free or not model.constraints
+        else size - independent(model)[1]
+    )
 
 
 @lru_cache(maxsize=64)
@@ -105,9 +109,9 @@ def independent(model: Model) -> tuple[int, int]:
     """Return how many gradients of rates by velocities are independent at the start, and of all conditions by the state."""
     if not model.constraints:
         return 0, 0
-    state = {name: model.initial[name].si for name in ("t", *variables(model))}
+    state = {name: model.statement.initial[name].si for name in ("t", *variables(model))}
     residuals, rates = _gradients(model, inputs_of(model, state, constants(model), tables_of(model)))
-    n = len(model.coordinates)
+    n = len(model.statement.coordinates)
     return _rank(rates[:, n : 2 * n]), _rank(np.vstack([residuals, rates]))
 
 

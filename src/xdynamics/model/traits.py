@@ -39,7 +39,7 @@ class Trait(StrEnum):
 def traits_of(model: Model) -> dict[Trait, str]:
     """Return the traits of a model, each with a phrase that says where."""
     traits: dict[Trait, str] = {}
-    if not model.coordinates:
+    if not model.statement.coordinates:
         traits[Trait.NO_COORDINATES] = "the model has first-order states only"
     owners = {
         Trait.PYTHON_FORCES: [f"function {', '.join(item.name for item in model.python_forces)}"]
@@ -49,10 +49,10 @@ def traits_of(model: Model) -> dict[Trait, str]:
         Trait.HELD_LINKS: curved_contacts(model) if _takes_energy(model) else [],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
-    coordinates, kept = names_of(model.coordinates), held(model.controllers, model.time_unit)
+    coordinates, kept = names_of(model.statement.coordinates), held(model.controllers, model.time_unit)
     velocities = coordinates.renamed("", velocity)
     states = Blocks(
-        block for block in names_of(model.states).blocks if block.name not in kept
+        block for block in names_of(model.statement.states).blocks if block.name not in kept
     )  # constant between ticks
     for label, names_read in _right_hand_side(model):
         if fault := _among(names_read, velocities):
@@ -61,10 +61,10 @@ def traits_of(model: Model) -> dict[Trait, str]:
             traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
     if model.mass_is_full:
         for (i, j), entry in model.statement.mass_entries.items():
-            if fault := model.reads(entry) & set(model.coordinates):
+            if fault := model.reads(entry) & set(model.statement.coordinates):
                 traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
     moved, shaped = velocities + coordinates + states, bool(model.shapes.dims)
-    for name, state in (model.shaped if shaped else model).states.items():
+    for name, state in (model.shaped if shaped else model.statement).states.items():
         if Trait.COUPLED_STATES in traits:  # the first is told
             break
         if fault := _among(_read(model, state.rate) if shaped else model.reads(state.rate), moved):
@@ -120,7 +120,7 @@ def _takes_energy(model: Model) -> bool:
 
 def _turns(model: Model, contact: Contact) -> bool:
     """Whether a contact holds its links along a direction that changes as bodies move, or with such friction."""
-    gap, coordinates = model.expanded(contact.gap), {*model.coordinates}
+    gap, coordinates = model.expanded(contact.gap), {*model.statement.coordinates}
     slopes = [derivative(gap, {name: ONE}) for name in free_names(gap) & coordinates]
     slips = [] if contact.slip is None else [model.expanded(contact.slip)]
     rubs = [model.expanded(tree) for tree in (contact.friction, contact.static) if tree is not None]

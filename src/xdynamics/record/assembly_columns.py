@@ -91,10 +91,12 @@ def _gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) 
     for name in read - {*moving, "t", "pi"}:
         if name in elements:
             every = model.shapes.elements(leaves[name].quantity)
-            known[name] = np.array([model.parameters[every[k]].quantity.si for k in elements[name].tolist()])
+            known[name] = np.array([model.statement.parameters[every[k]].quantity.si for k in elements[name].tolist()])
         else:
             known[name] = (
-                model.parameters[name].quantity.si if name in model.parameters else float(constant(name).factor)
+                model.statement.parameters[name].quantity.si
+                if name in model.statement.parameters
+                else float(constant(name).factor)
             )
 
     def take(block: LogBlock) -> Array:
@@ -161,7 +163,7 @@ class Impulse(NamedTuple):
 def impulses_of(every: Sequence[Assembly]) -> Iterator[Impulse]:
     """Yield the impulses on the bodies at both ends of a link."""
     model = every[0].model
-    shapes, names = model.shapes, [*model.coordinates]
+    shapes, names = model.shapes, [*model.statement.coordinates]
     moving = [leaf for contact in every for leaf in contact.leaves[: contact.coordinates]]
     seconds = {leaf.quantity for leaf in moving if leaf.end == SECOND}
     for name, body in bodies(every).items():

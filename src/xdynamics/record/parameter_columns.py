@@ -15,7 +15,7 @@ from xdynamics.schema import Variable
 def parameters(model: Model) -> list[tuple[Variable, Any]]:
     """Return the parameters with their values."""
     entries: list[tuple[Variable, Any]] = []
-    for name, parameter in _parted(model.parameters):
+    for name, parameter in _parted(model.statement.parameters):
         if isinstance(parameter, ParameterNumbers):
             unit, long_name = parameter.unit.text, parameter.given.description or f"parameter {name}"
             dims = model.shapes.dims[name]

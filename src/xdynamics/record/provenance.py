@@ -239,7 +239,7 @@ def _time_scales(march: March) -> dict[str, Any]:
         "run_h_omega_rule": RULE.format(rows=scales.rows),
     }
     if np.isfinite(scales.period):
-        span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.initial["t"].si
+        span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.statement.initial["t"].si
         reported |= {
             "run_slowest_period": scales.period,
             "run_slowest_period_units": march.model.time_unit.text,
@@ -312,7 +312,7 @@ def _order_choice(settings: Settings) -> dict[str, str]:
 def _longest(march: March) -> dict[str, Any]:
     """Return the longest step: the span, unless it was given."""
     max_step = march.settings.pacing.max_step
-    span = march.settings.until - march.model.initial["t"].si
+    span = march.settings.until - march.model.statement.initial["t"].si
     longest, choice = (max_step, "given") if isfinite(max_step) else (span, "the span")
     second = march.model.time_unit.text
     return {"solver_max_step": longest, "solver_max_step_units": second, "solver_max_step_choice": choice}

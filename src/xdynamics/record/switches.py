@@ -17,7 +17,8 @@ from xdynamics.march.log import PIECES
 from xdynamics.model import Model
 from xdynamics.model.kinks import Path
 from xdynamics.model.motion import constants
-from xdynamics.model.switches import Switch, watched_by
+from xdynamics.model.regime_model import watched_by
+from xdynamics.model.switches import Switch
 from xdynamics.record.column import About, Column
 from xdynamics.record.element_names import listed
 from xdynamics.schema import STEPS, Variable

@@ -214,7 +214,9 @@ def simulate(
     """
     settings = settings_for(model, **{name: value for name, value in locals().items() if name in KEYWORDS})
     check_destination(path, resume=resume)
-    wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
+    wanted = (
+        None if times is None else times_within(times, model.time_unit, model.statement.initial["t"].si, settings.until)
+    )
     if not compute:
         if progress is not None or resume:
             raise InputError("progress and resume are for compute=True: what is lazy is marched by whoever computes it")

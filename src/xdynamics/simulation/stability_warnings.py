@@ -35,7 +35,7 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
     if beyond_eigenvalues(model):
         return
     start = _Start(model, method, settings)
-    jacobian, span = _jacobian(start), settings.until - model.initial["t"].si
+    jacobian, span = _jacobian(start), settings.until - model.statement.initial["t"].si
     if jacobian is None:
         return
     if method.order > 1:

@@ -172,9 +172,9 @@ def _values(column: AxisColumn) -> list[Any]:
 def _shared(grid: SweepGrid, column: AxisColumn) -> Any:
     """Return the value that all members of a sweep share; None where it is the model's own setting."""
     if column.kind == PARAMETER:
-        return _common({grid.model.parameters[name].quantity.si for name in column.names})
+        return _common({grid.model.statement.parameters[name].quantity.si for name in column.names})
     if column.kind == INITIAL:
-        return _common({grid.model.initial[name].si for name in column.names})
+        return _common({grid.model.statement.initial[name].si for name in column.names})
     if column.name not in grid.asked or column.tables:
         return None
     return _values(column_of(grid.model, column.name, [grid.asked[column.name]]))[0]

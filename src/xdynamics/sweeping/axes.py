@@ -171,7 +171,13 @@ def _axis(model: Model, dim: str, entries: Any) -> Axis:
         return Axis(dim, (column,))
     if not entries:
         raise InputError("varies nothing; give names with as many values each")
-    if dim not in entries and dim in (*TAKEN, *model.parameters, *model.units, *model.drives, *model.observables):
+    if dim not in entries and dim in (
+        *TAKEN,
+        *model.statement.parameters,
+        *model.units,
+        *model.drives,
+        *model.observables,
+    ):
         raise InputError(
             f"is the name of something else; call what varies together in another way, like '{dim}_together'"
         )
@@ -262,14 +268,14 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
         If the name cannot vary, or a value cannot be used.
     """
     name = model.shapes.inside(name)
-    if name in model.parameters:
-        return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, _said(name))
+    if name in model.statement.parameters:
+        return _quantities(name, PARAMETER, values, model.statement.parameters[name].quantity.unit, _said(name))
     if (whole := _whole(model, name, values)) is not None:
         return whole
     initial = name.removeprefix(FOR_INITIAL)
-    if initial in model.initial:
+    if initial in model.statement.initial:
         kind = START if initial == "t" else INITIAL
-        return _quantities(initial, kind, values, model.initial[initial].unit, _said(name))
+        return _quantities(initial, kind, values, model.statement.initial[initial].unit, _said(name))
     if name in model.drives:
         return _tables(name, values)
     if name == STEP:
@@ -278,7 +284,7 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
         return _positive(_quantities(name, RTOL, values, parse_unit("1"), name))
     if name in SETTINGS:
         return _settings(model, name, values)
-    quantities = of_wholes((*model.parameters, *model.initial))
+    quantities = of_wholes((*model.statement.parameters, *model.statement.initial))
     available = [*quantities, *model.drives, STEP, RTOL, *SETTINGS]
     raise InputError(f"'{_said(name)}' is nothing that can vary; there are {', '.join(available)}")
 
@@ -287,7 +293,7 @@ def _whole(model: Model, name: str, values: Any) -> AxisColumn | None:
     """Read values of a quantity with dimensions, each of which all its elements have; None if it is no such quantity."""
     quantity = name.removeprefix(FOR_INITIAL)
     elements = tuple(model.shapes.elements(quantity)) if quantity in model.shapes.dims else ()
-    for kind, known in ((PARAMETER, model.parameters), (INITIAL, model.initial)):
+    for kind, known in ((PARAMETER, model.statement.parameters), (INITIAL, model.statement.initial)):
         if elements and elements[0] in known and (kind == INITIAL or name == quantity):
             return replace(column_of(model, elements[0], values), name=quantity, label=name, elements=elements)
     return None

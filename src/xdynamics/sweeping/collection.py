@@ -84,7 +84,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
             parameter.quantity.value,
             about(parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"),
         )
-        for name, parameter in grid.model.parameters.items()
+        for name, parameter in grid.model.statement.parameters.items()
         if name not in varying and name not in kept
     }
     times = plan.keeping.times
@@ -144,8 +144,8 @@ def _coordinates(grid: SweepGrid) -> dict[str, Any]:
 def _meaning(model: Model, column: AxisColumn) -> str:
     """Describe what varies, with the model's own description if there is one."""
     sections: dict[str, Mapping[str, Any]] = {
-        PARAMETER: model.parameters,
-        INITIAL: model.coordinates,
+        PARAMETER: model.statement.parameters,
+        INITIAL: model.statement.coordinates,
         TABLE: model.drives,
     }
     description = getattr(sections.get(column.kind, {}).get(column.name), "description", "")

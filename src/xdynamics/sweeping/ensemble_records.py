@@ -197,7 +197,7 @@ class Harvest:
     def _model_of(self, member: int, row: int) -> Model:
         """Return a member's own model, that begins with its first row."""
         model, si = self.model, {name: spell(dimension).text for name, dimension in self.model.dimensions.items()}
-        own = self._own(np.array([member]), frozenset(model.parameters))
+        own = self._own(np.array([member]), frozenset(model.statement.parameters))
         starts = {name: f"{self[name][row].item()!r} {self.columns[name].variable.units}" for name in self.layout.used}
         starts["t"] = f"{self['time'][row].item()!r} {model.time_unit.text}"
         parameters = {name: f"{value[0].item()!r} {si[name]}" for name, value in own.items()}
@@ -307,7 +307,7 @@ class _Wanted(NamedTuple):
 @lru_cache(maxsize=64)
 def _places(model: Model) -> dict[str, int]:
     """Return the place of each parameter among the constants of a law."""
-    return {name: i for i, name in enumerate(constants(model)) if name in model.parameters}
+    return {name: i for i, name in enumerate(constants(model)) if name in model.statement.parameters}
 
 
 @lru_cache(maxsize=64)
@@ -340,7 +340,7 @@ def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
 
 def of_one_step(model: Model, settings: Settings) -> Settings:
     """Return settings for a single step, as in `sample`: equations are solved as well as possible at any tolerance."""
-    return replace(settings, until=model.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
+    return replace(settings, until=model.statement.initial["t"].si, step=None, tolerances=None, pacing=Pacing())
 
 
 def factors_of(model: Model, settings: Settings) -> Floats:

@@ -245,7 +245,7 @@ class SweepGrid:
                 arrays[{STEP: "steps", RTOL: "rtols"}[column.kind]] = column.si[at[:, k]]
         if not arrays:  # only words vary
             name = next(iter(self.model.units))
-            arrays["initial"] = {name: np.full(len(at), self.model.initial[name].si)}
+            arrays["initial"] = {name: np.full(len(at), self.model.statement.initial[name].si)}
         return arrays
 
     def _common(self, at: At) -> Model:

@@ -248,8 +248,8 @@ def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _span(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
-    available = of_wholes((*model.parameters, *model.initial))
-    if name not in (*model.parameters, *model.initial, *available):
+    available = of_wholes((*model.statement.parameters, *model.statement.initial))
+    if name not in (*model.statement.parameters, *model.statement.initial, *available):
         raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
     return range_of(model, name, ends)
 

@@ -162,7 +162,7 @@ def _check_times(plan: Plan) -> None:
     if not times.size or {"t", "until"} & {entry.name for _, entry in grid.columns}:
         return
     second = unit_suffix(grid.model.time_unit)
-    begin, end = grid.model.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
+    begin, end = grid.model.statement.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
     if outside := [entry for entry in times.tolist() if not begin <= entry <= end]:
         raise InputError(
             f"times has {outside[0]!r}{second}, and the runs are from t = {begin!r}{second} to until = {end!r}{second}"

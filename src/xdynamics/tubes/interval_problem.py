@@ -80,10 +80,10 @@ def interval_problem_of(model: Model) -> IntervalProblem:
     motion = Motion(layout.coordinates.size, layout.states.size)
     lines = tuple(with_pieces(needed(forces_by_elements(layout).body, motion)))
     used, uncertain = tuple(layout.used), list[str]()
-    start = [_enclosed(model.initial[name], model.starts.get(name)) for name in used]
+    start = [_enclosed(model.statement.initial[name], model.starts.get(name)) for name in used]
     places: dict[Place, Value] = {}
     for i, (name, value) in enumerate(_constants(model).items()):
-        if name in model.parameters and _half_width(model.parameters[name]) > 0:
+        if name in model.statement.parameters and _half_width(model.statement.parameters[name]) > 0:
             places[Place("p", i)] = len(used) + len(uncertain)
             uncertain.append(name)
             start.append(value)
@@ -91,7 +91,9 @@ def interval_problem_of(model: Model) -> IntervalProblem:
             places[Place("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
     motions = Motions(StraightLines(lines, places, literals_of(lines)), motion)
     whole, names = np.stack(start, axis=1), (*used, *uncertain)
-    return IntervalProblem(motions, names, model.initial["t"].si, whole, StepConstants.of(model), first_regime(model))
+    return IntervalProblem(
+        motions, names, model.statement.initial["t"].si, whole, StepConstants.of(model), first_regime(model)
+    )
 
 
 def literals_of(lines: Iterable[Instruction]) -> dict[int, Value]:
@@ -114,8 +116,8 @@ def _constants(model: Model) -> Mapping[str, Box]:
     """Return the constants of a law, as they are written."""
     found: dict[str, Box] = {}
     for name, value in constants(model).items():
-        if name in model.parameters:
-            part = model.parameters[name]
+        if name in model.statement.parameters:
+            part = model.statement.parameters[name]
             found[name] = _enclosed(part.quantity, part)
         elif name == "pi":
             found[name] = PI
@@ -139,7 +141,7 @@ def _enclosed(quantity: Quantity, part: Parameter | None) -> Box:
 
 def intervals(model: Model) -> list[str]:
     """Name the values at the start and the parameters that are intervals."""
-    return [name for name, part in (model.parameters | model.starts).items() if _half_width(part) > 0]
+    return [name for name, part in (model.statement.parameters | model.starts).items() if _half_width(part) > 0]
 
 
 def unbounded(model: Model) -> list[str]:
@@ -182,9 +184,9 @@ def _faulty_numbers(model: Model) -> Iterator[str]:
                 " before; write it as an expression"
             )
             break
-    if wide := [name for name in sorted(model.read_by_points) if _half_width(model.parameters.get(name))]:
+    if wide := [name for name in sorted(model.read_by_points) if _half_width(model.statement.parameters.get(name))]:
         yield f"the times of a table's points depend on '{wide[0]}', which has a half_width; write it as a number"
     if "t" in model.starts and _half_width(model.starts["t"]):
         yield "the time of the start has a half_width; give it to the state there"
-    if wide := [name for name in sorted(model.read_at_start) if _half_width(model.parameters.get(name))]:
+    if wide := [name for name in sorted(model.read_at_start) if _half_width(model.statement.parameters.get(name))]:
         yield f"values at the start are expressions of '{wide[0]}', which has a half_width; write them as numbers"

@@ -165,7 +165,7 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
 
 def _momenta(model: Model) -> Iterator[tuple[str, Node, _Watched]]:
     """Yield each coordinate, its mass, and its momentum."""
-    coordinates = list(model.coordinates)
+    coordinates = list(model.statement.coordinates)
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     for i, name in enumerate(coordinates):
         terms: list[Node] = [

@@ -55,7 +55,7 @@ def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Function
     names = with_roles(run, ("coordinate",))
     if of is None and not names:
         return None
-    name = of or next(iter(rows.model.coordinates))
+    name = of or next(iter(rows.model.statement.coordinates))
     if level is not None and (counted := find_column(run, name)) is not None:
         unit = parse_unit(str(counted.attrs["units"]))
         quantity = parse_quantity(level)

@@ -200,7 +200,7 @@ def enclosure_request(
     check_model(model)
     tolerance = _tolerance(rtol)
     degree, most = _order(order, tolerance), _most(max_steps)
-    start, times = model.initial["t"].si, None if at is None else _times(at, model)
+    start, times = model.statement.initial["t"].si, None if at is None else _times(at, model)
     end = _end(until, times, model)
     for time in times or ():
         if not start <= time <= end:
@@ -257,7 +257,7 @@ def _times(at: Any, model: Model) -> list[float]:
 
 def _end(until: Any, times: list[float] | None, model: Model) -> float:
     """Return up to which time to prove."""
-    start = model.initial["t"].si
+    start = model.statement.initial["t"].si
     if until is None and not times:
         until = model.run.get("until")
     if until is None and not times:

@@ -81,7 +81,7 @@ def _of_parts(tube: Tube) -> str:
 
 def proposition(model: Model, tube: Tube) -> str:
     """Say what is proven."""
-    suffix, start = unit_suffix(model.time_unit), model.initial["t"].si
+    suffix, start = unit_suffix(model.time_unit), model.statement.initial["t"].si
     named = intervals(model)
     whose = f"For every {', '.join(named)} within its half_width, and all else as written" if named else "As written"
     text = (

@@ -105,7 +105,7 @@ def proven(
         Steps after which it ends.
     progress : callable, optional
     """
-    layout, start = layout_of(model), float(model.initial["t"].si)
+    layout, start = layout_of(model), float(model.statement.initial["t"].si)
     observed = Functions(flow.problem, layout, list(layout.derived.values()))
     events = [_event(flow.problem, layout, detector) for detector in _occasions(layout)]
     acting = [

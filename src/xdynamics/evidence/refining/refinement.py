@@ -214,7 +214,7 @@ def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
     if whole >= {*asked}:  # elements whose quantity is asked for are in it
         return tuple(name for name in dict.fromkeys(asked) if parted(name)[0] not in whole - {name})
     extra = [ENERGY_RANGE] if "total_energy" in layout_of(model).derived else []
-    extra += [kind + name for name in model.coordinates for kind in (PERIOD, PHASE)]
+    extra += [kind + name for name in model.statement.coordinates for kind in (PERIOD, PHASE)]
     available = dict.fromkeys((*observables_of(model), *extra))
     found = [
         one for name in asked for one in ((name,) if name in whole else expanded((name,), available, model.shapes))

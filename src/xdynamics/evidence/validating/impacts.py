@@ -72,7 +72,9 @@ class Impacts:
         self.groups, self.group = np.unique(self.rows[0], return_inverse=True)
         labels = run["event_detector"].attrs["flag_meanings"].split()
         self.owners = [labels[i] for i in run["event_detector"].values[self.events].tolist()]
-        self.impulses = np.stack([self._events(f"event_impulse_{name}") for name in model.coordinates], axis=1)
+        self.impulses = np.stack(
+            [self._events(f"event_impulse_{name}") for name in model.statement.coordinates], axis=1
+        )
         self.speeds = [self._columns(velocity, rows) for rows in self.rows]
         self.accelerations = [self._columns(acceleration, rows) for rows in self.rows]
         self.lost = self._events("event_energy_lost")
@@ -87,11 +89,16 @@ class Impacts:
         return values
 
     def _columns(self, named: Any, rows: Any) -> Floats:
-        return np.stack([self.column(named(name), rows) for name in self.model.coordinates], axis=1)
+        return np.stack([self.column(named(name), rows) for name in self.model.statement.coordinates], axis=1)
 
     def state(self, rows: Any) -> dict[str, Floats]:
         """Return time, coordinates, velocities and first-order states in rows of the run."""
-        names = ("time", *self.model.coordinates, *map(velocity, self.model.coordinates), *self.model.states)
+        names = (
+            "time",
+            *self.model.statement.coordinates,
+            *map(velocity, self.model.statement.coordinates),
+            *self.model.statement.states,
+        )
         columns = {name: self.column(name, rows) for name in names}
         return {"t": columns.pop("time")} | columns
 
@@ -123,7 +130,7 @@ class Impacts:
 
     def row_of(self, one: Reaction) -> Floats:
         """Return the derivative of a reaction's rate by the velocities at every impact."""
-        trees = [one.row.get(name, ZERO) for name in self.model.coordinates]
+        trees = [one.row.get(name, ZERO) for name in self.model.statement.coordinates]
         return np.stack([self.values(tree, 0) for tree in trees], axis=1)
 
     def of(self, name: str) -> NDArray[np.int64]:
@@ -165,7 +172,7 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     total = np.zeros((len(first), before.shape[1]))
     np.add.at(total, impacts.group, impacts.impulses)
     settled, rounding = _settled(impacts)[first], impacts.rounding[first, None]
-    for i, name in enumerate(impacts.model.coordinates):
+    for i, name in enumerate(impacts.model.statement.coordinates):
         units = str(run[f"event_impulse_{name}"].attrs["units"])
         relation = f"sum of event_impulse_{name} = row {name} of M (v after - v before)"
         bound = (rounding * (size + np.abs(total)) + settled)[:, i]

@@ -220,9 +220,11 @@ def _values(
     model: Model, parameter: str, values: Sequence[str | float], limit: str | float
 ) -> tuple[Unit, Floats, float]:
     """Read the values of a parameter and its limit, in its own unit."""
-    if parameter not in model.parameters:
-        raise InputError(f"'{parameter}' is no parameter; there are {', '.join(of_wholes(model.parameters)) or 'none'}")
-    unit = model.parameters[parameter].quantity.unit
+    if parameter not in model.statement.parameters:
+        raise InputError(
+            f"'{parameter}' is no parameter; there are {', '.join(of_wholes(model.statement.parameters)) or 'none'}"
+        )
+    unit = model.statement.parameters[parameter].quantity.unit
 
     def read(value: Any) -> float:
         if not isinstance(value, str):

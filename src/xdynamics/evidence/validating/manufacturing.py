@@ -88,7 +88,7 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
     for name, state in model.shaped.states.items():
         correction = _less(_rate(wanted[name], model), _along(model, state.rate, along))
         document["states"][name]["rate"] = text_of(add(state.rate, correction))
-    begin = dict(constants(model)) | {"t": model.initial["t"].si}
+    begin = dict(constants(model)) | {"t": model.statement.initial["t"].si}
     for name, tree in along.items():
         document["initial"][name] = _start(model, name, tree, begin)
     document["validation"] = {name: {"expression": text_of(tree), "bound": ORDER} for name, tree in along.items()}

@@ -52,7 +52,7 @@ def beside_bounds(runs: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow
     if runs.refused:
         yield from (replace(row, note=f"the method refuses: {'; '.join(runs.refused)}") for row in rows)
         return
-    start = float(runs.model.initial["t"].si)
+    start = float(runs.model.statement.initial["t"].si)
     times = [start + (runs.end - start) * k / PARTS for k in range(1, PARTS)]
     tube: xr.Dataset = remembered(enclosure_request(runs.model, at=[*times, runs.end]).task())
     if tube.attrs["outcome"] != COMPLETED:

@@ -38,16 +38,18 @@ def start_without_rounding(model: Model) -> Model | None:
     """
     if not any(values.tree is not None for values in model.shaped.starting.values()):
         return None
-    errors = ElementNumbers(model.shaped, model.shapes).rounding_at_start(model.parameters, model.initial)
+    errors = ElementNumbers(model.shaped, model.shapes).rounding_at_start(
+        model.statement.parameters, model.statement.initial
+    )
     initial = {}
     for name, found in errors.items():
         block = Blocks.of("", [name], model.shapes)
-        start = in_si(model.initial, block).reshape(found.shape)
+        start = in_si(model.statement.initial, block).reshape(found.shape)
         tree = model.shaped.starting[name].tree
         error = found if tree is None else without_jumps(tree, found, float(np.max(np.abs(start), initial=0.0)))
         if error.any():
             moved = start - MAGNIFIED * error
-            unit = model.initial[block.blocks[0].first].unit
+            unit = model.statement.initial[block.blocks[0].first].unit
             initial[name] = {"unit": unit.text, "value": (moved / float(unit.factor)).tolist()}
     return model.replace(initial=initial) if initial else None
 

@@ -1,0 +1,101 @@
+"""A model on the sides of its switches, and what its forces take from the march."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from xdynamics.expressions import Node
+from xdynamics.model.model import Model
+from xdynamics.model.one_sided_trees import on_sides
+from xdynamics.model.parts import Function
+from xdynamics.model.statement import Statement
+from xdynamics.model.switches import LANDED_ON, LOCATED, STEPPED_OVER, Switch, borders, side, watched_switches
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes.naming import parted
+
+
+class RegimeModel(Model):
+    """A model on the sides of its switches: its forces take the side of each switch from the march.
+
+    Up to the very end of a step that ends at a switch they are those of the side that the motion came from, and after
+    it those of the other side.
+
+    Parameters
+    ----------
+    plain : Model
+    switches : tuple of Switch
+    located : {"located", "located everywhere"}
+        Whether switches are watched where they have an effect, or also elsewhere.
+    """
+
+    def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
+        own = ("digest", "form", "force_components")
+        self.__dict__.update(
+            {name: value for name, value in vars(plain).items() if name not in own}, shaped=plain.shaped
+        )
+        self.plain, self.switches, self.located = plain, switches, located
+        states = {
+            name: replace(part, rate=self._on_sides(name, part.rate)) for name, part in plain.statement.states.items()
+        }
+        self.statement = replace(plain.statement, states=states)
+
+    def replace(self, **sections: Mapping[str, Any]) -> Model:
+        """Return the plain model with some entries replaced; see `Model.replace`."""
+        return self.plain.replace(**sections)
+
+    def with_statement(self, statement: Statement) -> Model:
+        """Return the plain model of another statement, whose rates stay; see `Model.with_statement`."""
+        return self.plain.with_statement(replace(statement, states=self.plain.statement.states))
+
+    @cached_property
+    def digest(self) -> str:
+        """The digest of the plain model, and where its switches are located."""
+        return f"{self.plain.digest} {self.located}"
+
+    @cached_property
+    def form(self) -> str:
+        """The form of the plain model, and where its switches are located: they are other programs."""
+        return f"{self.plain.form}\n# switches: {self.located}\n"
+
+    @cached_property
+    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
+        """The components of every force term, with the sides of switches in place of signs and comparisons."""
+        terms = self.plain.force_components
+        return {
+            term: {
+                name: component if isinstance(component, Function) else self._on_sides(term, component)
+                for name, component in components.items()
+            }
+            for term, components in terms.items()
+        }
+
+    def _on_sides(self, owner: str, tree: Node) -> Node:
+        sides = {
+            switch.function: side(i)
+            for i, switch in enumerate(self.switches)
+            if switch.owner == parted(owner)[0] and not switch.drive
+        }
+        return on_sides(self.plain.expanded(tree), sides) if sides else tree
+
+
+@lru_cache(maxsize=64)
+def regime_model(model: Model, located: str = LOCATED) -> Model:
+    """Return a model on the sides of its switches; the model itself if it has none, or they are stepped over."""
+    watched = watched_switches(model)
+    if not watched or isinstance(model, RegimeModel) or located == STEPPED_OVER:
+        return model
+    return RegimeModel(model, watched, LOCATED if located == LANDED_ON else located)
+
+
+def switch_inputs(model: Model) -> tuple[str, ...]:
+    """Name the numbers that forces take from the march: the side of each switch, or the next points of its table."""
+    groups = [borders(switch.drive) if switch.drive else (side(i),) for i, switch in enumerate(watched_by(model))]
+    return tuple(name for names in groups for name in names)
+
+
+def watched_by(model: Model) -> tuple[Switch, ...]:
+    """Return the switches whose sides the forces of a model take from the march: none, unless it is a `RegimeModel`."""
+    return model.switches if isinstance(model, RegimeModel) else ()
