@@ -43,11 +43,11 @@ def test_elements_are_asked_for_by_label_or_number(planets: Model) -> None:
     for name, said in (
         ("r", r"'r' is along body, axis; ask for an element, like 'r\[Sun, x\]'"),
         ("r[Venus, x]", "no element Venus; it has the labels Sun, Jupiter"),
-        ("q", r"initial has no 'q'; there are t, r\[Sun, x\]"),
+        ("q", r"there is no 'q' in the section initial; there are t, r\[Sun, x\]"),
     ):
         with pytest.raises(KeyError, match=said):
             planets.initial[name]
-    with pytest.raises(KeyError, match="coordinates has no 'x'; there are r"):
+    with pytest.raises(KeyError, match="there is no 'x' in the section coordinates; there are r"):
         planets.coordinates["x"]
 
 

@@ -51,7 +51,9 @@ class ReadOnlySection(Mapping[str, Part]):
             raise KeyError(
                 f"'{name}' is along {', '.join(dims)}; ask for an element, like '{spoken(self._shapes.first(name))}'"
             )
-        raise KeyError(f"{self._title} has no '{name}'; there are {few([*islice(self, SHOWN + 1)])}")
+        raise KeyError(
+            f"there is no '{name}' in the section {self._title}; there are {few([*islice(self, SHOWN + 1)])}"
+        )
 
     def __iter__(self) -> Iterator[str]:
         return map(spoken, self._entries)
