@@ -57,18 +57,21 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
 
 @compiled
 def is_rounding(run: Run, k: int, y: State) -> bool:
-    """Whether the last corrections are what rounding of the state does to the forces, as in `radau.is_rounding`."""
-    equation, w, n, scratch = run.equations[k], run.w, run.equations[k].unknowns, run.shifted
+    """Whether the last corrections are what rounding of the state does to the forces, as in `corrections.is_rounding`."""
+    equation, n, scratch, coordinates = (
+        run.equations[k],
+        run.equations[k].unknowns,
+        run.shifted,
+        run.plan[0].coordinates,
+    )
     for i in range(n):  # of each unknown: the terms of its equation; how steeply they follow it
         scratch[i], scratch[n + i] = size_of(run, equation.first_unknown + i, y), 1.0
     for i in range(equation.first_entry, equation.first_entry + equation.entries if equation.state < 0 else 0):
-        row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
-        add_term(run, k, row, column, w[place] if slope == DIRECT else w[place] * w[slope], y)
+        add_term(run, k, run.entries[i, 0], run.entries[i, 1], written_entry(run, i), y)
     for i in range(run.entries.shape[0] if equation.state >= 0 else 0):
-        row, column = run.entries[i, 0], run.entries[i, 1]
-        coordinates = run.plan[0].coordinates
+        column = run.entries[i, 1]
         unknown = column - coordinates if column >= coordinates else column
-        add_term(run, k, row, unknown, weight_of(run, k, row, column) * w[equation.derivatives + i], y)
+        add_term(run, k, run.entries[i, 0], unknown, grouped_entry(run, k, i), y)
     below = True
     for i in range(n):
         below = below and abs(run.right[i]) * scratch[n + i] <= ROUNDED * scratch[i]
@@ -150,31 +153,35 @@ def assemble_by_groups(run: Run, k: int) -> None:
     for i in range(n):
         matrix[place_of(run, i, i)] = 1.0 - w[weights + (0 if i < coordinates else 1)]
     for i in range(run.entries.shape[0]):
-        row, column = run.entries[i, 0], run.entries[i, 1]
-        weight = weight_of(run, k, row, column)
-        if weight != 0.0:  # as there: no such term at all
-            place = place_of(run, row, column - coordinates if column >= coordinates else column)
-            matrix[place] -= weight * or_none(w[equation.derivatives + i])
+        entry = grouped_entry(run, k, i)
+        if entry != 0.0:
+            row, column = run.entries[i, 0], run.entries[i, 1]
+            matrix[place_of(run, row, column - coordinates if column >= coordinates else column)] -= entry
 
 
 @shared
-def weight_of(run: Run, k: int, row: int, column: int) -> float:
-    """Return what a derivative of an acceleration or a rate is multiplied by, by what it is a derivative of."""
-    coordinates = run.plan[0].coordinates
+def grouped_entry(run: Run, k: int, i: int) -> float:
+    """Return what an entry of the pattern takes from the unit matrix: a derivative of the forces, weighted by its kind."""
+    equation, row, column, coordinates = run.equations[k], run.entries[i, 0], run.entries[i, 1], run.plan[0].coordinates
     kind = 0 if column < coordinates else 1 if column < 2 * coordinates else 2
-    return float(run.w[run.equations[k].weights + (2 if row < coordinates else 5) + kind])
+    weight = run.w[equation.weights + (2 if row < coordinates else 5) + kind]
+    return float(weight * or_none(run.w[equation.derivatives + i]))
+
+
+@shared
+def written_entry(run: Run, i: int) -> float:
+    """Return what an entry that is written out takes from the unit matrix."""
+    place, slope = run.entries[i, 2], run.entries[i, 3]
+    return float(or_none(run.w[place] if slope == DIRECT else run.w[place] * run.w[slope]))
 
 
 @shared
 def assemble(run: Run, k: int) -> None:
     """Assemble the matrix: the unit matrix less derivatives of the equations, by themselves and through the forces."""
-    equation, w = run.equations[k], run.w
-    n, matrix = equation.unknowns, run.matrix
+    equation, n, matrix = run.equations[k], run.equations[k].unknowns, run.matrix
     for i in range(n * n):
         matrix[i] = 0.0
     for i in range(n):
         matrix[i * n + i] = 1.0
     for i in range(equation.first_entry, equation.first_entry + equation.entries):
-        row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
-        # an entry left out has no such term at all: a derivative that is NaN must not reach the others
-        matrix[row * n + column] -= or_none(w[place] if slope == DIRECT else w[place] * w[slope])
+        matrix[run.entries[i, 0] * n + run.entries[i, 1]] -= written_entry(run, i)
