@@ -14,7 +14,7 @@ from xdynamics import schema
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, meant, number
-from xdynamics.march.root_methods import EARLIEST_FIRST
+from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED
 from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
@@ -103,6 +103,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read.get("event_root_method", EARLIEST_FIRST),
         "order" in read,
         read.get("precision", FLOAT64),
+        read.get("event_start", JUDGED),
     )
     settings.check(model)
     return settings

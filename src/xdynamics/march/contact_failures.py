@@ -12,6 +12,7 @@ from xdynamics.march.contacts.delassus import ABSENT, SLIDING
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, WORK
+from xdynamics.model.detectors import GAP, GRIP, PULL, SLIP, function_dimension
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import NORMAL, Reaction, rate_dimension, reactions
@@ -141,6 +142,24 @@ def inconsistency(march: March) -> str:
     return (
         f"in the group of events of {group or 'contacts'} {finding} {figure:.6g} {dimension}, and tolerances and"
         f" rounding allow {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
+    )
+
+
+def violation(march: March) -> str:
+    """Say which contact pulls, holds more than friction can, slips against its friction, or is penetrated."""
+    run = march.run
+    detector = march.layout.watched[int(run.balance[OWNER])]
+    dimension = function_dimension(march.model, detector)
+    figure = abs(float(run.balance[FIGURE])) * march.settings.scales.of(dimension)
+    does = {
+        PULL: "pulls with",
+        GRIP: "holds more than friction can, by",
+        SLIP: "slips against the direction of its friction, with",
+        GAP: "is penetrated by",
+    }[detector.role]
+    return (
+        f"contact '{detector.name}' {does} {figure:.6g} {dimension}, far more than rounding and the location of events"
+        " leave: the march missed when that began; please report it with the model. Regimes or a shorter step may pass here"
     )
 
 

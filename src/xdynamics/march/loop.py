@@ -58,6 +58,7 @@ from xdynamics.march.run import (
     FIND_EVENTS,
     FIND_MEETING,
     LAND_ON_MEETING,
+    MEET_HERE,
     RING,
     TAKE_SIDES,
     Run,
@@ -101,6 +102,9 @@ def march(address: Any, rows: int) -> None:
         settle_tolerances(run)  # of a march that goes on
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
+        if run.instant.shape[0] > 0 and run.instant[0].meets > 0:
+            entered_by(run.functions[EVENT_PHASE], run, 0.0, MEET_HERE)
+            continue
         if now.crossed != now.node or has_crossed(run):
             cross_node(run)
         if now.status == RUNNING:
@@ -161,8 +165,9 @@ def start(run: Run) -> None:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if plan.reactions > 0:  # closing and sticking depend on forces with their sides set
         entered_by(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
-    if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed
+    if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed, and what sticks on these
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        entered_by(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
     if plan.assemblies > 0:
         entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
     if plan.held > 0:

@@ -25,6 +25,7 @@ OF_TRIALS = ("z", "e", "samples", "half", "whole", "located_z", "located_e", "lo
 OF_START = ("turning", "probe")  # and of what looks at a march that has ended
 OF_SOLVERS = ("matrix", "right", "stage", "shifted", "stages", "turned", "past")
 _OF_DELAYS = ("past_steps", "breaks", "book")
+_OF_DEPARTURES = ("departures", "instant", "met_states")
 _OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")
@@ -49,10 +50,15 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
         fit(run, arrays["past_steps"].size, arrays["breaks"].shape[1])
     for name in CHANGING:
         target, source = getattr(run, name), arrays.get(name)
+        if (
+            source is None and not target.size
+        ):  # of a version that did not have it, and by its rule, which does not need it
+            continue
         if source is None or (source.dtype, source.shape) != (target.dtype, target.shape):
             raise InputError(f"the march's '{name}' has another form than here: it is of another version of xdynamics")
     for name in CHANGING:
-        getattr(run, name)[...] = arrays[name]
+        if name in arrays:
+            getattr(run, name)[...] = arrays[name]
 
 
 def numbers_at_end(run: Run) -> tuple[str, Floats]:
@@ -145,4 +151,5 @@ def _at_end(run: Run) -> list[str]:
     """Return the arrays whose final values a record keeps; those of contacts and switches where there are any."""
     names = [name for name in AT_END if name not in (*_OF_CONTACTS, *_OF_DELAYS) or getattr(run, name).size]
     names += ["places"] if (run.detectors["drive"] >= 0).any() else []
+    names = [name for name in names if name not in _OF_DEPARTURES or run.departures.size]
     return [*names, *LATER] if run.touches.size else names

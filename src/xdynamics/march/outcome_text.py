@@ -13,13 +13,15 @@ from xdynamics.faults import spoken
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
 from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.chattering import NOWHERE, PASSAGES
-from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined
+from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined, violation
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcomes import (
     COMPLETED,
     CONSTRAINT_VIOLATED,
     CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
+    CONTACT_VIOLATED,
+    EVENT_ACCUMULATION,
     EVENT_AT_ZERO,
     NONFINITE,
     NONFINITE_FORCE,
@@ -40,6 +42,7 @@ from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
 from xdynamics.model.detectors import SWITCH, Detector
 from xdynamics.model.motion import constants
+from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import Switch
 from xdynamics.schema import (
@@ -84,7 +87,7 @@ def ending(march: March) -> Ending:
     # advice on steps makes sense for a run that finished or ran out of steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
-    remarks = (_chattering(march), *march.doubts, of_smooth_switches(march), advice)
+    remarks = (_chattering(march), _passed_over(march), *march.doubts, of_smooth_switches(march), advice)
     return Ending(failure.outcome, spoken("; ".join(filter(None, (text, *remarks)))))
 
 
@@ -127,8 +130,11 @@ def diagnose(march: March) -> Failure:
         named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
         cause = ", ".join(f"the function of event '{detector.name}' is 0" for detector, ever in named if not ever)
         return Failure(OUTCOMES[status], cause)
-    if status == SLIDING_MODE:
-        return Failure(OUTCOMES[status], _sliding(march))
+    if status in (SLIDING_MODE, EVENT_ACCUMULATION):
+        acting = _crowding(march)
+        return Failure(OUTCOMES[status], acting or _sliding(march))
+    if status == CONTACT_VIOLATED:
+        return Failure(OUTCOMES[status], violation(march))
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
     if status == CONSTRAINT_VIOLATED:
@@ -159,6 +165,63 @@ def _sliding(march: March) -> str:
     return (
         f"{_jump(march, switch)}, and either side drives the motion back: it slides along the switch (Filippov), which is"
         f" no motion by this force; {_SMOOTHER}"
+    )
+
+
+def _crowding(march: March) -> str:
+    """Say which events act without end at one time, and the remedy; nothing if it is a switch hidden in a force."""
+    limits = march.run.departures["limit"]
+    if not limits.size or not (limits > -np.inf).any():
+        return ""
+    crowding = [
+        detector for detector, limit in zip(march.layout.watched, limits.tolist(), strict=True) if limit > -np.inf
+    ]
+    events = " and ".join(f"event '{detector.name}'" for detector in crowding)
+    act = "act" if len(crowding) > 1 else "acts"
+    if int(march.now.status) == SLIDING_MODE:
+        return (
+            f"{events} {act} to and fro at one instant: the forces of either regime drive the motion back to where they are"
+            f" switched, along which it would slide (Filippov); {_SMOOTHER}, a limit as [contacts], or let the regimes"
+            " switch back a little apart (hysteresis)"
+        )
+    time = accumulation(march)
+    if (
+        time is not None
+        and time[1] > march.settings.scales.of(TIME) * float(march.run.detectors["tolerance"].min()) * 2.0
+    ):
+        when = f"after ever shorter pauses, of which the last would end at t = {time[0]:.15g}{unit_suffix(march.model.time_unit)}"
+    else:
+        when = "again and again, with no time in between"
+    return (
+        f"{events} {act} {when}: no motion of this model goes on from there; write bodies that bounce or rest as [contacts],"
+        f" and let what is switched to and fro switch back a little apart (hysteresis)"
+    )
+
+
+def accumulation(march: March) -> tuple[float, float] | None:
+    """Return when actions of events that crowd together end, and its uncertainty, in the unit of time; None if none do."""
+    departures, scale = march.run.departures, march.settings.scales.of(TIME)
+    if int(march.now.status) != EVENT_ACCUMULATION or not departures.size:
+        return None
+    last = departures[int(np.argmax(departures["limit"]))]
+    return float(last["limit"]) * scale, float(last["doubt"]) * scale
+
+
+def _passed_over(march: March) -> str:
+    """Name the acting events without a direction whose functions left zero at the start, which is no passage."""
+    departures = march.run.departures
+    if not departures.size:
+        return ""
+    names = [
+        f"'{detector.name}'"
+        for detector, at_start in zip(march.layout.watched, departures["at_start"].tolist(), strict=True)
+        if at_start and detector.direction == "either" and detector.event.action != RECORD
+    ]
+    if not names:
+        return ""
+    return (
+        f"the function of event {' and '.join(names)} is zero at the start and leaves it, which is no passage of an event"
+        " without a direction; with direction = 'rising' or 'falling' it acts at the start, if it leaves in that direction"
     )
 
 

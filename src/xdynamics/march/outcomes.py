@@ -28,7 +28,9 @@ SOUND, RUNNING = -1, -1
     SLIDING_MODE,
     CONTACT_INCONSISTENT,
     CONSTRAINT_VIOLATED,
-) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 11)
+    EVENT_ACCUMULATION,
+    CONTACT_VIOLATED,
+) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 13)
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,8 @@ OUTCOMES: dict[int, Outcome] = {
     CONTACT_INCONSISTENT: Outcome("contact_inconsistent", _ACCEPTED),
     CONSTRAINT_VIOLATED: Outcome("constraint_violated", "at t = {t}: {cause}"),
     SLIDING_MODE: Outcome("sliding_mode", "at t = {t}: {cause}"),
+    EVENT_ACCUMULATION: Outcome("event_accumulation", "at t = {t}: {cause}"),
+    CONTACT_VIOLATED: Outcome("contact_violated", "at t = {t}: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t}; the rows up to there are kept"),
 }
 

@@ -1,4 +1,4 @@
-"""How events are located: by names, and as a record describes it."""
+"""How events are located, and judged at instants where their functions are zero: by names, and as a record has it."""
 
 EARLIEST_FIRST, ON_HERMITE, ONE_BY_ONE = "earliest first", "earliest first by Hermite", "one by one"
 _EARLIEST_FIRST = (
@@ -13,3 +13,7 @@ ROOT_METHODS = {  # how events are located, as described in a record; version 0.
         " accepted"
     ),
 }
+# What becomes of an acting event whose function is zero where the motion starts or another event acts: it is judged by
+# where the motion takes it, or, as in archives that do not say so, waits until its function has left zero.
+JUDGED, WAITING = "judged", "waiting"
+EVENT_STARTS = (JUDGED, WAITING)

@@ -77,6 +77,16 @@ WATCH = row_of(
     "low high down up least_bend most_bend floor zone clear left right before greatest drift",
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
+# Where the motion takes an event function from an instant at which it is zero, in runs whose events are judged there:
+# `rate` is that before the event, `side` the one that it goes to, 0 where it stays zero; `leaves` is one of
+# `events.departures.STANDING` and so on; `at_start` whether it was zero there; `met` whether it has happened, and has yet
+# to act. `last` is when it acted last, `pause` and `earlier` the last two times between, `longest` the longest of `short`
+# pauses in a row that are near the time tolerance. Of actions that crowd together, `limit` is when they would end,
+# uncertain by `doubt`.
+DEPARTURE = row_of("rate last pause earlier longest limit doubt", "side leaves met short at_start")
+# The instant at which the march stands: whether events have yet to act there, how many states were met, whether any was
+# reset, and whether the last events changed the state or forces.
+AT_INSTANT = row_of("", "meets states resets changed")
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step count too. `full` is
 # the width of the trial. `rough` asks for less care where it is 1, and where it is 2 for the enclosures of given bounds
 # of positions and so on; `part` is 1 where it is not the whole trial, `cut` where substeps were made in a trial that is
@@ -124,8 +134,9 @@ ASSEMBLY = row_of(
 # Entries of the engine, after the operations on intervals in `functions`.
 ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
-BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING = range(4)  # what `events.dispatch` is to do
-BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
+BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING, MEET_HERE = range(5)  # what `events.dispatch` is to do
+# what `contacts.dispatch` is to do
+BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH, DERIVE, CHECK = range(9)
 BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, STEP_LINKS, NOTE_LINKS, RELEASE_LINKS = range(7)
 FIND_CLOSED, GO_ON = 7, 8  # these nine: what `assembly.dispatch` is to do
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
@@ -160,6 +171,8 @@ Detectors = Annotated[NDArray[Any], ArrayKind("Detectors", DETECTOR)]
 Solves = Annotated[NDArray[Any], ArrayKind("Solves", EQUATIONS)]
 Kepts = Annotated[NDArray[Any], ArrayKind("Kepts", KEPT)]
 Watches = Annotated[NDArray[Any], ArrayKind("Watches", WATCH)]
+Departures = Annotated[NDArray[Any], ArrayKind("Departures", DEPARTURE)]
+Instants = Annotated[NDArray[Any], ArrayKind("Instants", AT_INSTANT)]
 Pieces = Annotated[NDArray[Any], ArrayKind("Pieces", PIECE)]
 Bases = Annotated[NDArray[Any], ArrayKind("Bases", BASE)]
 Delays = Annotated[NDArray[Any], ArrayKind("Delays", DELAY)]
@@ -219,6 +232,9 @@ class Run:
     located_g: Passing[Floats]
     located_samples: Passing[Floats]
     watches: Watches
+    departures: Departures  # of each detector; none where no event acts, or in archives from before they were judged
+    instant: Instants
+    met_states: Columns  # regime and state, of each state that was met at the instant
     arguments: Passing[Floats]  # rates of events, then what tables are looked up at; see `Layout.tracked`
     resets: Passing[Floats]  # values to which events and controllers set the state
     targets: Given[Lists]  # event, or -1 - action of a controller, and place in the state of each

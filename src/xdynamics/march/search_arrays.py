@@ -16,18 +16,20 @@ from xdynamics.march.engine import assemblies as meeting
 from xdynamics.march.engine import contacts, watchers
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
 from xdynamics.march.events.interval_operations import rules
-from xdynamics.march.run import BALANCE, DETECTOR, LINK, PIECE, REACTION, TOUCH, WATCH
+from xdynamics.march.root_methods import JUDGED
+from xdynamics.march.run import AT_INSTANT, BALANCE, DEPARTURE, DETECTOR, LINK, PIECE, REACTION, TOUCH, WATCH
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import PATTERN
-from xdynamics.model.detectors import KINK, SWITCH
-from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
+from xdynamics.model.detectors import KINK, PERIODIC, SWITCH
+from xdynamics.model.parts import ACTIONS, IMPACT_LAWS, RECORD
 from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
 from xdynamics.model.switches import borders
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME
 
 DEEPEST = 64  # halvings of a step in search of events
+MOST_MET, LEAST_MET, NUMBERS_MET = 16, 4, 100_000  # states that are remembered of one instant; of large models fewer
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
@@ -56,6 +58,7 @@ def watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[An
         | {
             "detectors": _detectors(law.layout, intervals, settings),
             "watches": np.zeros(events, WATCH),
+            **_departures(law.layout, settings),
             **_region(law.layout, intervals, settings),
             "resets": np.zeros(len(targets := _targets(law)) * (1 + law.layout.is_doubled)),
             "targets": np.array(targets, np.int64).reshape(-1, 2),
@@ -67,6 +70,18 @@ def watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[An
             "functions": np.array([*functions, *_of_contacts(model, law.layout)], np.int64),
         }
     )
+
+
+def _departures(layout: Layout, settings: Settings) -> dict[str, NDArray[Any]]:
+    """Return the arrays of functions that leave zero; empty where no event acts, or none is judged where it leaves."""
+    acting = any(detector.event.action != RECORD for detector in layout.watched)
+    judged = settings.event_start == JUDGED and (acting or any(d.role == PERIODIC for d in layout.watched))
+    used = layout.used.size
+    return {
+        "departures": np.zeros(len(layout.watched) if judged else 0, DEPARTURE),
+        "instant": np.zeros(int(judged), AT_INSTANT),
+        "met_states": np.zeros((min(MOST_MET, max(LEAST_MET, NUMBERS_MET // used)), 1 + used) if judged else (0, 0)),
+    }
 
 
 def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:

@@ -12,7 +12,7 @@ from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march.delay_faults import delay_faults
 from xdynamics.march.precision_faults import precision_faults
-from xdynamics.march.root_methods import EARLIEST_FIRST, ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.root_methods import EARLIEST_FIRST, EVENT_STARTS, JUDGED, ONE_BY_ONE, ROOT_METHODS
 from xdynamics.march.tolerances import Tolerances, least_rtol
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import (
@@ -136,6 +136,8 @@ class Settings:
         Whether the order of the method was asked for, and does not follow from the tolerance.
     precision : str
         Whether a number is one float or the sum of two, one of `PRECISIONS`.
+    event_start : str
+        What becomes of acting events whose functions are zero at the start or where another acts, one of `EVENT_STARTS`.
     """
 
     method: Method
@@ -158,6 +160,7 @@ class Settings:
     event_root_method: str = EARLIEST_FIRST
     order_given: bool = False
     precision: str = FLOAT64
+    event_start: str = JUDGED
 
     @property
     def partial(self) -> bool:
@@ -243,6 +246,8 @@ class Settings:
             faults.append(
                 f"event_root_method is {self.event_root_method!r}; there are {', '.join(map(repr, ROOT_METHODS))}"
             )
+        if self.event_start not in EVENT_STARTS:
+            faults.append(f"event_start is {self.event_start!r}; there are {', '.join(map(repr, EVENT_STARTS))}")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

@@ -24,6 +24,7 @@ from xdynamics.model.kinds import (
     FORMULA,
     INSTANTS,
     LINKS,
+    PHASE,
     PLANE,
     POSITIVE,
     SIZE,
@@ -105,7 +106,7 @@ READING = (
 OF_EVENTS = (
     Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step shows whether it is one", "needed without every", "searched"),
     Key("every", DURATION, "in its place: how often a periodic event is met, at exact multiples after the start; each is a node of the march", "none"),
-    Key("phase", WAIT, "how long after the start a periodic event is first met", "one period"),
+    Key("phase", PHASE, "how long after the start a periodic event is first met, 0 for at the start", "one period"),
     Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", words(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
     Key("to", name_of("a regime"), "that a switch goes on in", "needed by switch", omitted=""),

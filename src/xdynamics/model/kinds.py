@@ -208,10 +208,15 @@ def _duration(value: Any, key: str, *_: Source) -> Quantity:
 
 
 def _wait(value: Any, key: str, *_: Source) -> Quantity | None:
+    quantity = _phase(value, key)
+    return quantity if quantity.value else None
+
+
+def _phase(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if quantity.unit.dimension not in (TIME, NONE) or quantity.value < 0:
         raise InputError(f"{key} is '{quantity}', needs a time that is not negative")
-    return quantity if quantity.value else None
+    return quantity
 
 
 def _quantity(value: Any, key: str, *_: Source) -> Quantity:
@@ -288,6 +293,7 @@ FLAG = Kind("true | false", _flag, omitted=False)
 COUNT = Kind("whole number from 1 on", _count, omitted=1)
 DURATION = Kind("time", _duration, _as_text, None)
 WAIT = Kind("time", _wait, _as_text, None)
+PHASE = Kind("time", _phase, _as_text, None)
 QUANTITY = Kind("quantity", _quantity, _as_text)
 LIMIT = Kind("quantity or expression", _limit, _text_of, None)
 INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{unit_suffix(unit)}" for time in times], ())

@@ -18,6 +18,7 @@ from xdynamics.units import Quantity, Unit
 
 DIRECTIONS = ("rising", "falling", "either")
 ACTIONS = ("record", "stop", "switch", "reset")
+RECORD = ACTIONS[0]
 STRIKE = "impact"  # the action of an event that is read as a contact
 ROOT_STATES = ("reintegrate", "interpolant")
 TANGENTIALS = ("frictionless", "coulomb")

@@ -12,7 +12,7 @@ from xdynamics import schema
 from xdynamics.elementary import kept_set
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP, FORESEEN
-from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS, WAITING
 from xdynamics.methods.scheme import FLOAT64, STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
@@ -56,6 +56,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "switches": _switches_asked(recorded),
         "math_functions": kept_set(recorded.get("math_functions")),
         "event_root_method": root_method_of(recorded),
+        "event_start": recorded.get("solver_event_start", WAITING),
         "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
         "log": _log_asked(recorded),
         "compress": True if schema.COMPRESSION in recorded else None,

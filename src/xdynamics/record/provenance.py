@@ -17,7 +17,7 @@ from xdynamics.march import March
 from xdynamics.march.control import ERROR_NORM, SPACINGS, first_step_rule
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.initial_run import rest_of_time
-from xdynamics.march.outcome_text import ending
+from xdynamics.march.outcome_text import accumulation, ending
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.root_methods import ROOT_METHODS
 from xdynamics.march.settings import Settings
@@ -102,6 +102,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **_dimensions(march),
         **interpolation(settings.scheme, model),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
+        "solver_event_start": settings.event_start,
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": PRECISION_WORDS[settings.precision],
         "math_functions": settings.math_functions,
@@ -131,8 +132,23 @@ def _ended(march: March) -> dict[str, Any]:
         "run_rejected_trials": int(march.now.trials),
         **_time_scales(march),
         **({schema.ATOL_EFFECT: march.atol_effect} if march.atol_effect else {}),
+        **_accumulation(march),
         "run_outcome": end.outcome.word,
         "run_outcome_text": end.text,
+    }
+
+
+def _accumulation(march: March) -> dict[str, Any]:
+    """Return when events that act ever more often would come to an end, where they ended the run."""
+    if (found := accumulation(march)) is None:
+        return {}
+    time, uncertainty = found
+    units = march.model.time_unit.text
+    return {
+        "accumulation_time": time,
+        "accumulation_time_units": units,
+        "accumulation_time_uncertainty": uncertainty,
+        "accumulation_time_uncertainty_units": units,
     }
 
 

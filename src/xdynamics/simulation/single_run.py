@@ -52,6 +52,7 @@ def simulate(
     time_tolerance: str | float | None = None,
     switches: str | None = None,
     event_root_method: str | None = None,
+    event_start: str | None = None,
     # arithmetic
     scales: Mapping[str, str] | None = None,
     summation: str | None = None,
@@ -112,6 +113,10 @@ def simulate(
         How events are located: of several in a step the earliest before others, its substeps counted in `event_substeps`.
         The others are for the bits of older archives: on Hermite's polynomials though a step leaves its own (`radau_iia`);
         or as version 0.2 did, in the order of their declaration, each substep a rejected trial.
+    event_start : {"judged", "waiting"}
+        What becomes of a stop, switch or reset whose function is zero at the start, or where another event acts: it has
+        happened if the motion takes it on in its direction, `rising` or `falling`; or, for the bits of older archives,
+        it waits until its function has left zero, in whichever direction.
     scales : mapping, optional
         Length, time and mass to march in nondimensional variables with: ``{"length": "0.4 m"}``. Everything reported
         has its units again.

@@ -11,7 +11,7 @@ import numpy as np
 from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
-from xdynamics.march.root_methods import EARLIEST_FIRST, ROOT_METHODS
+from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
 from xdynamics.model import Model
 from xdynamics.record.arguments import root_method_of
 from xdynamics.record.element_names import listed
@@ -166,6 +166,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": plan.grid.math_functions,
         "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
+        "solver_event_start": plan.grid.event_start,
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
@@ -252,6 +253,8 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         asked["math_functions"] = kept
     if (located := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # likewise
         asked["event_root_method"] = located
+    if (start := str(sweep.attrs.get("solver_event_start", WAITING))) != JUDGED:  # likewise
+        asked["event_start"] = start
     return Plan(SweepGrid(model, tuple(_axis(model, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
 
 

@@ -13,6 +13,7 @@ from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.acceptance import end
 from xdynamics.march.calls import run_at
 from xdynamics.march.contacts.active_set import derive, inform
+from xdynamics.march.contacts.admissibility import check_contacts
 from xdynamics.march.contacts.balance import (
     is_broken,
     open_balance,
@@ -31,7 +32,7 @@ from xdynamics.march.contacts.zeno import bounce
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
-from xdynamics.march.run import HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, WEIGH, Run
+from xdynamics.march.run import CHECK, DERIVE, HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, WEIGH, Run
 from xdynamics.march.trial_step import copy
 from xdynamics.model.reactions import NORMAL
 from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
@@ -51,7 +52,9 @@ def touch(address: Any, t: float, command: int) -> None:
         `SETTLE`: do so with the state of the march, after an event whose further bounces are skipped. `RESOLVE`: change
         the trial's state by impacts, and determine what contacts do after the events at its end. `INFORM`: pass the
         states of contacts, set by the caller, to the forces. `STEP_IN_TIME`: add what contacts do over a step, for
-        Moreau's method. `WEIGH`: check the energies after the events against their rows.
+        Moreau's method. `WEIGH`: check the energies after the events against their rows. `DERIVE`: determine once more
+        what contacts do after events, with forces that their impacts have changed. `CHECK`: end the run if the trial's
+        state breaks the law of contact.
     """
     run = run_at(address)
     if command == STEP_IN_TIME:
@@ -65,6 +68,10 @@ def touch(address: Any, t: float, command: int) -> None:
     elif command == WEIGH:
         weigh_energies(run, first_of_group(run, run.now[0].rows - 1))
         is_broken(run)
+    elif command == DERIVE:
+        derive_again(run, t)
+    elif command == CHECK:
+        check_contacts(run, t)
     elif command == INFORM:
         copy(run.y, run.z)
         look_at_links(run, t)
@@ -96,6 +103,17 @@ def begin(run: Run, t: float) -> None:
         run.now[0].status = REASON_CONTACT
     for k in range(run.touches.shape[0]):
         run.touches[k].held = run.touches[k].state
+
+
+@shared
+def derive_again(run: Run, t: float) -> None:
+    """Determine what contacts do after the events at the trial's end, whose impacts have changed forces."""
+    look_at_links(run, t)
+    measure(run)
+    if derive(run):
+        note_changes(run, first_of_group(run, run.now[0].rows - 1))
+    else:
+        end(run, REASON_CONTACT)
 
 
 @shared

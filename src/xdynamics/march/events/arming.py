@@ -6,6 +6,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
+from xdynamics.march.events.departures import acts, depart, judges, leave_again, take_departure
 from xdynamics.march.events.zero_tests import NEAR, NONE, TOUCHED, murk, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
@@ -29,16 +30,26 @@ def forget(run: Run) -> None:
     """Arm every event as it was before a trial that is rejected."""
     for i in range(run.watches.shape[0]):
         run.watches[i].armed = run.watches[i].began
+    leave_again(run)
 
 
 @shared
-def rearm(run: Run) -> None:
-    """Determine the side of zero of each event function after an event; one within its uncertainty has yet to leave."""
+def rearm(run: Run, changed: bool) -> None:
+    """Determine the side of zero of each event function after an event; one within its uncertainty has yet to leave.
+
+    Where events are judged, an acting one at zero is armed on the side to which the motion takes it; if that is a
+    passage in its direction, due to another's action, it is met at this instant. `changed` says whether forces or the
+    state were changed.
+    """
+    if judges(run):
+        depart(run)
     set_time(run, T, run.now[0].t)
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
         watch, pending = run.watches[i], 0.0
-        if watch.hit != NONE or sign(run.g[i]) != watch.armed:
+        if judges(run) and acts(run, i) and (watch.hit not in (NONE, TOUCHED) or (changed and watch.hit == NONE)):
+            take_departure(run, i)
+        elif watch.hit != NONE or sign(run.g[i]) != watch.armed:
             if is_pending(run, i):
                 pending = run.pending[i] + run.trial[0].h - watch.left
             elif watch.hit == TOUCHED and run.plan[0].apart == 0:

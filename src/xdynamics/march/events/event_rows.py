@@ -8,6 +8,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
+from xdynamics.march.events.departures import note_rates
 from xdynamics.march.events.root_finding import is_plain, kind_of
 from xdynamics.march.events.zero_tests import NONE, uncertainty
 from xdynamics.march.exact_times import set_time
@@ -40,6 +41,8 @@ def note_events(run: Run, row: int, substeps: int) -> None:
     now, trial = run.now[0], run.trial[0]
     set_time(run, T, trial.t)
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    if trial.h > 0.0:
+        note_rates(run)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         if watch.hit == NONE:

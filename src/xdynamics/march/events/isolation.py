@@ -14,6 +14,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called, enclosed_by
+from xdynamics.march.events.departures import end_leaving, happens_late, has_left, is_leaving, leave_again
 from xdynamics.march.events.event_free_region import set_region, stays_inside
 from xdynamics.march.events.zero_tests import (
     CLEAR,
@@ -76,6 +77,7 @@ def quiet(run: Run) -> bool:
 def isolate(run: Run, final: bool) -> bool:
     """Find the first piece with events of the trial, which is the run's last if `final`; whether there is one."""
     last = 0
+    end_leaving(run)
     for i in range(run.watches.shape[0]):
         watch = run.watches[i]
         watch.zone, watch.hit, watch.forced, watch.broken, watch.began = -1.0, NONE, 0, SMOOTH, watch.armed
@@ -182,41 +184,55 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
         watch.hit, run.entered[i] = NONE, watch.armed
         if not watch.alive:
             continue
-        before, after = sign(run.near_g[i]), sign(run.far_g[i])
         if watch.state == MURKY:
             if watch.zone < 0.0:
                 watch.zone = start
             watch.clear = end
-            ended = border and watch.armed != 0
+            ended = border and watch.armed != 0 and not is_leaving(run, i)
             if ended or trespasses(run, i, end):
                 strike(run, i, watch.zone, end, ENDED if ended else FORCED)
         else:
-            if before == -watch.armed and watch.zone < 0.0 and start == 0.0:
-                watch.broken = BREAKS  # at the very start, after a node where a drive jumps
-            came = after if watch.state == MONOTONE else (before if before != 0 else after)
-            watch.clear = start
-            pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
-            waiting = watch.armed == 0
-            if leaves(run, i, came):
-                watch.armed, left = watch.guard, start
-            elif waiting:
-                watch.armed = came
-            if came != watch.armed:
-                strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
-                if watch.hit == NONE:
-                    watch.armed = came
-            elif pending and not waiting and reaches(run, i, end - watch.zone):
-                strike(run, i, left, start, TOUCHED)
-            watch.ever = max(watch.ever, abs(watch.armed))
-            if watch.hit == NONE:
-                watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
+            decide_side(run, i, start, end)
         any_hit = any_hit or watch.hit != NONE
     return any_hit
 
 
 @shared
+def decide_side(run: Run, i: int, start: float, end: float) -> None:
+    """Note on which side a function is after a piece at whose end it is not zero, and the event if it came from the other.
+
+    One that is as good as zero before the piece, and on the same side before and after, has touched zero, unless it only
+    leaves it.
+    """
+    watch, before, after = run.watches[i], sign(run.near_g[i]), sign(run.far_g[i])
+    leaving, waiting = is_leaving(run, i), watch.armed == 0
+    if before == -watch.armed and watch.zone < 0.0 and start == 0.0 and not leaving:
+        watch.broken = BREAKS  # at the very start, after a node where a drive jumps
+    came = after if watch.state == MONOTONE else (before if before != 0 else after)
+    watch.clear = start
+    pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
+    if leaves(run, i, came):
+        watch.armed, left = watch.guard, start
+    elif waiting and happens_late(run, i, came):
+        watch.armed, left = -came, start
+    elif waiting:
+        watch.armed = came
+    if came != watch.armed:
+        strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
+        if watch.hit == NONE:
+            watch.armed = came
+    elif pending and not waiting and not leaving and reaches(run, i, end - watch.zone):
+        strike(run, i, left, start, TOUCHED)
+    has_left(run, i)
+    watch.ever = max(watch.ever, abs(watch.armed))
+    if watch.hit == NONE:
+        watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
+
+
+@shared
 def hold(run: Run, start: float) -> None:
     """Leave other functions on the sides on which they entered a piece: the motion ends at an event in it."""
+    leave_again(run)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         if watch.hit == NONE and run.plan[0].apart == 0:

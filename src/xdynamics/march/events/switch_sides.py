@@ -14,6 +14,7 @@ from xdynamics.kernels.drive_tables import find_piece
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
+from xdynamics.march.events.one_sided_rates import moment, step_ahead
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
@@ -65,6 +66,34 @@ def leave_zeros(run: Run) -> None:
                 changed = (side != 0 and take_side(run, i, side)) or changed
         if not changed:
             break
+    leave_flat_zeros(run)
+
+
+@shared
+def leave_flat_zeros(run: Run) -> None:
+    """Take the side that is met a moment later by switches of which neither value nor rate says where they go.
+
+    So is the second in ``max(0, sign(x))``: a sign has no rate, and is 0 at the start alone.
+    """
+    flat = False
+    for i in range(run.detectors.shape[0]):
+        flat = flat or is_flat(run, i)
+    if not flat:
+        return
+    step_ahead(run, run.y, moment(run))
+    called(run.law[DETECT], run, run.z, run.g1, 0)
+    set_time(run, T, run.now[0].t)
+    for i in range(run.detectors.shape[0]):
+        if is_flat(run, i) and run.g1[i] != 0.0:
+            take_side(run, i, sign(run.g1[i]))
+
+
+@shared
+def is_flat(run: Run, i: int) -> bool:
+    """Whether a detector is a switch whose function and its rate are zero."""
+    detector = run.detectors[i]
+    switch = detector.role in (SWITCH, KINK) and detector.drive < 0
+    return bool(switch and run.g[i] == 0.0 and run.slopes[i] == 0.0)
 
 
 @shared
@@ -83,21 +112,22 @@ def choose_side(run: Run, i: int, where: int) -> None:
 
 
 @shared
-def keep_sides(run: Run, moved: bool) -> bool:
+def keep_sides(run: Run, moved: bool, landed: bool) -> bool:
     """Set all switches to the sides of the trial's state after an event; whether any side changed.
 
-    `moved` says that the event may have set the state elsewhere, beyond several points of a table, say.
+    `moved` says that the event may have set the state elsewhere, beyond several points of a table, say; `landed` that
+    switches on which the trial ends are passed. Else they have been, and rounding would decide on their sides.
     """
     set_time(run, T, run.trial[0].t)
     called(run.law[DETECT], run, run.z, run.slopes, 0)
-    changed = keep_pieces(run, moved)
+    changed = keep_pieces(run, moved, landed)
     if changed:  # conditions on a table's value are evaluated with the piece after the point
         called(run.law[DETECT], run, run.z, run.slopes, 0)
     for _ in range(run.detectors.shape[0]):
         switched = False
         for i in range(run.detectors.shape[0]):
             detector, watch = run.detectors[i], run.watches[i]
-            if detector.drive < 0 and detector.role in (SWITCH, KINK):
+            if detector.drive < 0 and detector.role in (SWITCH, KINK) and (landed or watch.hit == NONE):
                 side = sign(run.slopes[i])
                 held = np.int64(run.modes[detector.to])
                 if watch.hit in (CROSSED, FORCED):
@@ -113,11 +143,13 @@ def keep_sides(run: Run, moved: bool) -> bool:
 
 
 @shared
-def keep_pieces(run: Run, moved: bool) -> bool:
+def keep_pieces(run: Run, moved: bool, landed: bool) -> bool:
     """Enter the pieces of tables that the trial's state is in now; whether any was entered."""
     changed = False
     for i in range(run.detectors.shape[0]):
         detector, hit = run.detectors[i], run.watches[i].hit != NONE
+        if hit and not landed:
+            continue
         if detector.drive < 0 or not (hit or (moved and not run.slopes[i] > 0.0)):
             continue
         piece, held = find(run, i, run.z, moving(run, i, run.z)), run.places[3 * detector.drive + 2]

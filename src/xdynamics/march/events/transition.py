@@ -16,6 +16,7 @@ from xdynamics.march.calls import called, entered_by
 from xdynamics.march.control import grow
 from xdynamics.march.events.actions import act
 from xdynamics.march.events.arming import forget, rearm
+from xdynamics.march.events.departures import begin_instant, judge_actions, judges, meet_departures
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
 from xdynamics.march.events.root_finding import is_plain, locate
@@ -39,7 +40,9 @@ from xdynamics.march.run import (
     BEFORE,
     BEGUN,
     BEHIND,
+    CHECK,
     CONTACT_PHASE,
+    DERIVE,
     GUARD,
     HOLD,
     KEPT_ALL,
@@ -81,6 +84,20 @@ def hand_over(run: Run) -> int:
 
 
 @shared
+def meet_here(run: Run) -> None:
+    """Act as events demand that have happened where the march stands, and go on from the same instant."""
+    now, trial = run.now[0], run.trial[0]
+    run.piece[0].substeps = 0
+    trial.t, trial.h, trial.rest = now.t, 0.0, now.rest
+    trial.landing, trial.iterations, trial.unsound = AT_BORDER, 0, 0.0
+    copy(run.y, run.z)
+    look(run)
+    meet_departures(run)
+    note_both_sides(run, False)
+    end_region(run)
+
+
+@shared
 def ring_alone(run: Run) -> None:
     """Act as periodic events at the end of a trial say, where nothing else happens."""
     run.piece[0].verdict, run.piece[0].substeps = REASON_EVENT, 0
@@ -98,7 +115,7 @@ def ring_alone(run: Run) -> None:
 def note_both_sides(run: Run, reached: bool) -> None:
     """Note the state on either side of the events at the trial's end, act on them, and go on from there."""
     row_before = run.now[0].rows
-    if run.delays.shape[0] > 0:
+    if run.delays.shape[0] > 0 and run.trial[0].h > 0.0:
         note_past(run)
     if run.plan[0].passing > 0 and passes_kinks(run, reached):
         pass_kinks(run, reached, row_before)
@@ -106,10 +123,15 @@ def note_both_sides(run: Run, reached: bool) -> None:
     if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
-    note_samples_apart(run, row_before)
+    if run.trial[0].h > 0.0:
+        note_samples_apart(run, row_before)
     note_events(run, row_before, run.piece[0].substeps)
+    if judges(run) and (run.trial[0].h > 0.0 or run.instant[0].states == 0):
+        begin_instant(run)
     if not cross(run, row_before):
         return
+    if judges(run):
+        judge_actions(run)
     if reached and tick_at_end(run) and not finite_state(run):
         break_off(run, row_before)
         end(run, nonfinite(run))
@@ -135,7 +157,9 @@ def pass_kinks(run: Run, reached: bool, row: int) -> None:
     """Go on behind points of tables, in one row that has the forces behind them, and count them."""
     for i in range(run.detectors.shape[0]):
         run.watches[i].seen += np.int64(run.watches[i].hit != NONE)
-    keep_sides(run, False)
+    if judges(run):
+        run.instant[0].changed = 0
+    keep_sides(run, False, True)
     if run.delays.shape[0] > 0:
         break_here(run, run.trial[0].t, 1)
     evaluate_held(run, run.trial[0].t, run.z, 0.0)
@@ -197,23 +221,27 @@ def land_on_roots(run: Run) -> None:
 def cross(run: Run, before: int) -> bool:
     """Change the trial's state by what happens at its end; whether there is a state after it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    changed = act(run, before)
-    if plan.reactions > 0:
-        row = -1 if changed or plan.kinetic < 0 else before - run.base[0].rows
-        changed = True
-        if plan.contacts == HOLD and not touch(run, row):
-            break_off(run, before)
-            return False
+    acted = act(run, before)
+    row = -1 if acted or plan.kinetic < 0 else before - run.base[0].rows
+    if plan.switches > 0:  # what holds bodies together is judged by the forces behind the event
+        acted = keep_sides(run, acted, True) or acted
+    changed = acted or plan.reactions > 0
+    if plan.reactions > 0 and plan.contacts == HOLD and not touch(run, row):
+        break_off(run, before)
+        return False
     note_offsets(run, before)
     if plan.assemblies > 0 and changed:
         entered_by(run.functions[ASSEMBLY_PHASE], run, trial.t, RELEASE_LINKS)
-    if plan.switches > 0:
-        changed = keep_sides(run, changed) or changed
+    if plan.switches > 0 and plan.reactions > 0 and not agree(run):
+        break_off(run, before)
+        return False
     if changed and run.delays.shape[0] > 0:
         break_here(run, trial.t, 0)
     if changed:
         evaluate_held(run, trial.t, run.z, 0.0)
         note_sample(run, trial.t, run.z, before + 1)
+    if judges(run):
+        run.instant[0].changed = int(acted or meets_contact(run))
     if plan.switches > 0 and slides(run):
         now.status = SLIDING_MODE
     if not finite_state(run):
@@ -222,6 +250,28 @@ def cross(run: Run, before: int) -> bool:
         end(run, status)
         now.h = 0.0  # no step failed, but the state after the event
         return False
+    return True
+
+
+@shared
+def meets_contact(run: Run) -> bool:
+    """Whether an event at the trial's end is one of a contact or friction."""
+    met = False
+    for i in range(run.detectors.shape[0]):
+        met = met or (run.detectors[i].reaction >= 0 and run.watches[i].hit != NONE)
+    return met
+
+
+@shared
+def agree(run: Run) -> bool:
+    """Have forces and contacts agree: impacts may turn a velocity whose sign a force has; whether there is a solution."""
+    for _ in range(run.detectors.shape[0]):
+        if not keep_sides(run, True, False):
+            break
+        if run.plan[0].contacts == HOLD:
+            entered_by(run.functions[CONTACT_PHASE], run, run.trial[0].t, DERIVE)
+            if run.now[0].status == REASON_CONTACT:
+                return False
     return True
 
 
@@ -263,7 +313,7 @@ def go_on(run: Run, reached: bool) -> None:
         status = now.status
         land_apart(run)
         now.status = now.status if status == RUNNING else status
-    else:
+    elif run.trial[0].h > 0.0:
         now.on_grid = 0
     move_apart(run)
     run.kept[0].since = BEGUN
@@ -271,7 +321,10 @@ def go_on(run: Run, reached: bool) -> None:
         entered_by(run.functions[CONTACT_PHASE], run, now.t, SETTLE)
         if run.balance[GUARD] != KEPT_ALL:
             end(run, CONTACT_INCONSISTENT)
-    rearm(run)
+    rearm(run, run.instant.shape[0] > 0 and run.instant[0].changed > 0)
+    if run.plan[0].reactions > 0 and run.plan[0].contacts == HOLD:
+        copy(run.y, run.z)
+        entered_by(run.functions[CONTACT_PHASE], run, now.t, CHECK)
 
 
 @shared

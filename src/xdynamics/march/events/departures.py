@@ -1,0 +1,282 @@
+"""Acting events whose functions are zero where the motion stands: at the start, and where another event has acted.
+
+A function at zero says nothing of a passage; where the motion takes it does. An event has happened if the motion goes on
+in its direction, `rising` or `falling`, by the forces that hold then: a block that the force of one regime drives back
+into the other is in the other at once. An event's own action makes it happen no second time. Actions that lead back to
+a state that was met at the same instant, or crowd together in time, have no motion behind them, and end the run.
+"""
+
+from __future__ import annotations
+
+from math import inf, isnan
+
+from xdynamics.elementary.rounding_margins import EPS, SMOOTH
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.program import T
+from xdynamics.march.calls import called
+from xdynamics.march.events.one_sided_rates import LATE, is_certain, moment, step_ahead
+from xdynamics.march.events.zero_tests import CROSSED, NONE, ROUGHLY, murk, sign
+from xdynamics.march.exact_times import set_time
+from xdynamics.march.outcomes import EVENT_ACCUMULATION, RUNNING, SLIDING_MODE
+from xdynamics.march.run import Run
+from xdynamics.model.detectors import OCCASION, PERIODIC
+from xdynamics.model.parts import ACTIONS
+
+_RECORD, _STOP, _SWITCH, _RESET = range(len(ACTIONS))
+
+CROWDED = 100.0  # time tolerances between two actions of an event, below which they may not go on
+SHRINKING = 0.99  # ratio of one pause to the one before, below which pauses end at a time that can be told
+FEWEST = 3  # pauses to tell it from
+# of a function that is, or was, zero at an instant: whether it is on its way to a side, has reached it within the trial,
+# or stays at zero where its own event has acted
+STANDING, LEAVING, LEFT, ACTED = range(4)
+
+
+@shared
+def judges(run: Run) -> bool:
+    """Whether acting events are judged where their functions are zero."""
+    return bool(run.departures.shape[0] > 0)
+
+
+@shared
+def acts(run: Run, i: int) -> bool:
+    """Whether an event does more than to be recorded."""
+    return bool(run.detectors[i].role == OCCASION and run.detectors[i].action != _RECORD)
+
+
+@shared
+def begin_departures(run: Run) -> None:
+    """Judge acting events whose functions are zero at the start, and ring periodic ones that are due then."""
+    run.instant[0].meets, run.instant[0].states, run.instant[0].resets = 0, 0, 0
+    for i in range(run.detectors.shape[0]):
+        departure, watch = run.departures[i], run.watches[i]
+        departure.rate, departure.side, departure.leaves, departure.met, departure.at_start = 0.0, 0, 0, 0, 0
+        departure.last, departure.pause, departure.earlier, departure.longest, departure.short = -inf, inf, inf, inf, 0
+        departure.limit, departure.doubt = -inf, 0.0
+        watch.hit = NONE
+    depart(run)
+    number = 0
+    for i in range(run.detectors.shape[0]):
+        departure = run.departures[i]
+        if acts(run, i):
+            take_departure(run, i)
+            departure.at_start = int(departure.leaves == LEAVING)
+        elif run.detectors[i].role == PERIODIC:
+            if run.alarms.shape[0] > 0 and (run.alarms[0] >> number) & 1 == 1:
+                departure.side, departure.met, run.instant[0].meets = 1, 1, 1
+            number += 1
+
+
+@shared
+def depart(run: Run) -> None:
+    """Find out to which side the motion takes each acting event's function from the march's state.
+
+    The sign of its rate by the forces that hold from there on tells, where this is more than rounding; else that of its
+    rate a moment later, or of the function itself where nothing is known of its rate.
+    """
+    set_time(run, T, run.now[0].t)
+    called(run.law[DETECT], run, run.y, run.near_g, 0)
+    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    flat = False
+    for i in range(run.detectors.shape[0]):
+        departure = run.departures[i]
+        departure.side = 0
+        if acts(run, i):
+            if not run.detectors[i].sampled and is_certain(run, i, run.y):
+                departure.side = sign(run.slopes[i])
+            flat = flat or departure.side == 0
+    if flat:
+        depart_from_rest(run)
+
+
+@shared
+def depart_from_rest(run: Run) -> None:
+    """Do so for functions whose rates are zero, or not known, a moment later."""
+    for i in range(run.detectors.shape[0]):
+        run.entered[i] = run.slopes[i]
+    step_ahead(run, run.y, moment(run))
+    called(run.law[DETECT], run, run.z, run.far_g, 0)
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        departure, change = run.departures[i], run.far_g[i] - run.near_g[i]
+        if not acts(run, i) or departure.side != 0:
+            continue
+        if run.detectors[i].sampled:
+            departure.side = sign(change) if abs(change) > ROUGHLY * abs(run.near_g[i]) else 0
+        elif is_certain(run, i, run.z):
+            departure.side = sign(run.slopes[i])
+    for i in range(run.detectors.shape[0]):
+        run.slopes[i] = run.entered[i]
+    for i in range(run.y.shape[0]):
+        run.z[i] = run.y[i]
+    set_time(run, T, run.now[0].t)
+
+
+@shared
+def take_departure(run: Run, i: int) -> None:
+    """Arm an acting event where the motion takes its function; note that it has happened, if it has.
+
+    One that is not zero is armed on its side. One that just acted has happened already; so has one that was on its way
+    to this side before, and goes on.
+    """
+    watch, departure, direction = run.watches[i], run.departures[i], run.detectors[i].direction
+    side, own, before = departure.side, watch.hit != NONE, sign(departure.rate)
+    rate = 0.0 if isnan(run.slopes[i]) else abs(run.slopes[i])
+    within = max(abs(departure.rate), rate) * LATE * spacing_of(run, i)
+    if abs(run.g[i]) > max(murk(run, i, run.z), within):
+        watch.armed, departure.leaves = sign(run.g[i]), STANDING
+    else:
+        goes_on = watch.armed == side and before == side
+        watch.armed, departure.leaves = side, LEAVING if side != 0 else (ACTED if own else STANDING)
+        if side != 0 and side == direction and not own and not goes_on:
+            departure.met, run.instant[0].meets = 1, 1
+    watch.ever = max(watch.ever, abs(watch.armed))
+    departure.rate = run.slopes[i]
+
+
+@shared
+def spacing_of(run: Run, i: int) -> float:
+    """Return the time within which an event is located."""
+    return max(run.detectors[i].tolerance, 2.0 * EPS * abs(run.now[0].t))
+
+
+@shared
+def meet_departures(run: Run) -> None:
+    """Have the events that have happened where the march stands among those that it is noted with; no others."""
+    for i in range(run.detectors.shape[0]):
+        watch, departure = run.watches[i], run.departures[i]
+        watch.hit, run.pending[i] = NONE, 0.0
+        if departure.met > 0:
+            watch.hit, watch.armed, watch.left, watch.broken = CROSSED, -departure.side, 0.0, SMOOTH
+            watch.zone, watch.before, watch.drift, departure.met = -1.0, run.g[i], 0.0, 0
+    run.instant[0].meets = 0
+
+
+@shared
+def leave_again(run: Run) -> None:
+    """Have functions that left zero within a trial yet to leave it, where the trial is rejected or cut."""
+    for i in range(run.departures.shape[0]):
+        if run.departures[i].leaves == LEFT:
+            run.departures[i].leaves = LEAVING
+
+
+@shared
+def end_leaving(run: Run) -> None:
+    """Note that functions which left zero within the last trial have left it for good."""
+    for i in range(run.departures.shape[0]):
+        acted = run.departures[i].leaves == ACTED and run.watches[i].armed != 0
+        if run.departures[i].leaves == LEFT or acted:
+            run.departures[i].leaves = STANDING
+
+
+@shared
+def has_left(run: Run, i: int) -> None:
+    """Note that a function has left zero within the trial."""
+    if judges(run) and run.departures[i].leaves == LEAVING:
+        run.departures[i].leaves = LEFT
+
+
+@shared
+def is_leaving(run: Run, i: int) -> bool:
+    """Whether a function has yet to leave zero for the side that it is armed on."""
+    return bool(judges(run) and run.departures[i].leaves == LEAVING)
+
+
+@shared
+def happens_late(run: Run, i: int, came: int) -> bool:
+    """Whether an acting event whose function was zero for a while leaves it in its direction."""
+    return bool(
+        judges(run) and acts(run, i) and run.departures[i].leaves == STANDING and run.detectors[i].direction == came
+    )
+
+
+@shared
+def note_rates(run: Run) -> None:
+    """Note the rates of event functions before the events at the trial's end act."""
+    for i in range(run.departures.shape[0]):
+        run.departures[i].rate = run.slopes[i]
+
+
+@shared
+def begin_instant(run: Run) -> None:
+    """Remember the state before the events of an instant."""
+    run.instant[0].states, run.instant[0].resets = 0, 0
+    remember(run)
+
+
+@shared
+def remember(run: Run) -> None:
+    """Remember a state that was met at the instant."""
+    instant, used = run.instant[0], run.met_states.shape[1] - 1
+    run.met_states[instant.states, 0] = run.now[0].regime
+    for i in range(used):
+        run.met_states[instant.states, 1 + i] = run.z[i]
+    instant.states += 1
+
+
+@shared
+def place_met(run: Run) -> int:
+    """Return the number of the trial's state and regime among those met at the instant; -1 if they are new."""
+    for k in range(run.instant[0].states):
+        same = run.met_states[k, 0] == run.now[0].regime
+        for i in range(run.met_states.shape[1] - 1):
+            same = same and run.met_states[k, 1 + i] == run.z[i]
+        if same:
+            return k
+    return -1
+
+
+@shared
+def judge_actions(run: Run) -> None:
+    """End a run whose events lead back to where they were at this instant, or crowd together in time."""
+    now, instant = run.now[0], run.instant[0]
+    for i in range(run.detectors.shape[0]):
+        acted = run.watches[i].hit != NONE and run.detectors[i].action in (_SWITCH, _RESET)
+        if acted and run.watches[i].seen >= run.detectors[i].count:
+            instant.resets = max(instant.resets, int(run.detectors[i].action == _RESET))
+            note_pause(run, i)
+    known = place_met(run)
+    back = 0 <= known < instant.states - 1
+    full = known < 0 and instant.states >= run.met_states.shape[0]
+    if now.status == RUNNING and (back or full):
+        now.status = EVENT_ACCUMULATION if instant.resets > 0 or full else SLIDING_MODE
+        accumulate_here(run)
+    if known < 0 and not full:
+        remember(run)
+
+
+@shared
+def accumulate_here(run: Run) -> None:
+    """Note that the actions of the instant have no end in time."""
+    for i in range(run.detectors.shape[0]):
+        if run.departures[i].last == run.trial[0].t:
+            run.departures[i].limit, run.departures[i].doubt = run.trial[0].t, spacing_of(run, i)
+
+
+@shared
+def note_pause(run: Run, i: int) -> None:
+    """Note when an event acts; end the run where its pauses shrink to nothing within the time tolerance.
+
+    Three pauses in a row whose ratio stays below 1 are as good as a geometric series, and what is left of its sum tells
+    when it ends. Where rounding shapes the last ones, it is enough that pauses near the time tolerance have halved.
+    """
+    departure, t, tolerance = run.departures[i], run.trial[0].t, spacing_of(run, i)
+    pause = t - departure.last
+    if pause == 0.0:
+        return
+    ratio = max(pause / departure.pause, departure.pause / departure.earlier) if departure.pause < inf else inf
+    rest = pause * ratio / (1.0 - ratio) if ratio <= SHRINKING else inf
+    if pause > CROWDED * tolerance:
+        departure.short = 0
+    else:
+        departure.longest = pause if departure.short == 0 else max(departure.longest, pause)
+        departure.short += 1
+    halved = departure.short >= FEWEST and pause <= departure.longest / 2.0
+    if (rest <= tolerance and departure.earlier < inf) or halved:
+        if halved:  # of a geometric series, from how much its last terms have shrunk together
+            rest = departure.short * pause * pause / (departure.longest - pause)
+        departure.limit, departure.doubt = t + rest, rest + tolerance
+        if run.now[0].status == RUNNING:
+            run.now[0].status = EVENT_ACCUMULATION
+    departure.earlier, departure.pause, departure.last = departure.pause, pause, t
