@@ -95,6 +95,7 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
             "compress": True,
             "math_functions": "xdynamics 1",
             "event_root_method": "one by one",
+            "event_start": "waiting",
         },
         [
             "--method",
@@ -114,6 +115,8 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
             "xdynamics 1",
             "--event-root-method",
             "one by one",
+            "--event-start",
+            "waiting",
         ],
     ),
     "stiff": (

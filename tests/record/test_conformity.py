@@ -165,10 +165,16 @@ FAULTS: list[tuple[Change, str]] = [
     ),
     (
         put("time", slice(3, 5), 0.25),
-        "variable 'time' goes from 0.25 to 0.25 at row 4: it must increase, but at an event's pair",
+        "variable 'time' goes from 0.25 to 0.25 at row 4: it must increase, but at the pairs of events",
     ),
-    (put("time", 5, 0.1), "variable 'time' goes from 0.2 to 0.1 at row 5: it must increase, but at an event's pair"),
-    (put("time", 5, np.nan), "variable 'time' goes from 0.2 to nan at row 5: it must increase, but at an event's pair"),
+    (
+        put("time", 5, 0.1),
+        "variable 'time' goes from 0.2 to 0.1 at row 5: it must increase, but at the pairs of events",
+    ),
+    (
+        put("time", 5, np.nan),
+        "variable 'time' goes from 0.2 to nan at row 5: it must increase, but at the pairs of events",
+    ),
 ]
 
 

@@ -69,6 +69,11 @@ def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Draw
         np.array(own.outcome),
         about("1", "outcome of the run", "outcome"),
     )
+    variables["run_contradiction"] = (
+        (),
+        np.array(own.contradiction),
+        about("1", "what contradicts itself in the run's record, in words; empty if nothing does", "outcome"),
+    )
     later: dict[str, Any] = {}
     verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
     if monte_carlo is not None:

@@ -175,8 +175,10 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
     physical, numerical = float(budget["physical_rss"]), float(budget["numerical_bound"])
     linear = LINEAR[int(budget["linear_verdict"])]
     outcome = str(budget["run_outcome"].values)
+    apart = str(budget["run_contradiction"].values) if "run_contradiction" in budget else ""
     decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
+        ("record", apart == "", apart or "nothing in the run's record contradicts its model"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
         (
             "convergence",

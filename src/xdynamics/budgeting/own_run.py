@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from xdynamics.budgeting.measurand import Measurand
+from xdynamics.evidence.audit import contradiction
 from xdynamics.evidence.diagnosing.heights import RULES
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.stage_tasks import Task
@@ -29,6 +30,8 @@ class OwnRun(NamedTuple):
         How an extreme was found; None for other numbers.
     extreme_time : float
         When it was, in the model's unit of time.
+    contradiction : str
+        What contradicts itself in its record, in words; nothing if nothing does. See `evidence.audit`.
     """
 
     method: str
@@ -37,6 +40,7 @@ class OwnRun(NamedTuple):
     step_units: str
     extreme_rule: str | None
     extreme_time: float
+    contradiction: str = ""
 
     @classmethod
     def of(cls, measurand: Measurand, run: xr.Dataset) -> OwnRun:
@@ -52,7 +56,9 @@ class OwnRun(NamedTuple):
         if run.sizes[STEPS] and (top := target.extreme_in(run, measurand.model)) is not None:
             rule, time = RULES[top.rule], top.time
         units, step_units = target.units(run).text, str(run["step_size"].attrs["units"])
-        return cls(str(run.attrs["solver_method"]), str(run.attrs["run_outcome"]), units, step_units, rule, time)
+        method, outcome = str(run.attrs["solver_method"]), str(run.attrs["run_outcome"])
+        apart = contradiction(run, measurand.model.functions) if run.sizes[STEPS] else ""
+        return cls(method, outcome, units, step_units, rule, time, apart)
 
 
 OWN_RUNS = ResultForm(list, lambda entries: OwnRun(*entries))

@@ -13,8 +13,9 @@ from xdynamics.cli.marching import changed_model
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
 @click.option("--key", metavar="PUBLIC.pem", help="Also verify that the owner of this key signed them.")
+@click.option("--audit", is_flag=True, help="Also look for contradictions between each record and its model.")
 @json_option
-def verify(archives: tuple[str, ...], key: str | None) -> None:
+def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too."""
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as digest_of
@@ -42,6 +43,7 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
             text = f"{verdict}  {archive}  {digest}{f': {kind}' if kind else ''}  ({shown})"
             verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
             say([text])
+            damaged = (audit and not _audited(archive, verdicts[-1])) or damaged
         except ArchiveError as error:
             complain(error)
             verdicts.append({"archive": archive, "verdict": "damaged", "text": str(error)})
@@ -52,6 +54,21 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
             wrong = True
     hand_over({"kind": "verification", "archives": verdicts})
     sys.exit(BADLY if damaged else WRONG_INPUT if wrong else DONE)
+
+
+def _audited(archive: str, verdict: dict[str, str]) -> bool:
+    """Say what contradicts itself in a run's record, and add it to its verdict; whether nothing does."""
+    from xdynamics.archive import open_run
+    from xdynamics.evidence.audit import FAILED
+    from xdynamics.evidence.audit import audit as audited
+
+    with open_run(archive, check=False) as run:
+        gates = audited(run)
+    say(
+        [f"{gate.verdict}  {archive}  {gate.name}: {gate.reason}" for gate in gates] or [f"nothing to audit  {archive}"]
+    )
+    verdict["audit"] = "failed" if any(gate.verdict == FAILED for gate in gates) else "passed"
+    return verdict["audit"] == "passed"
 
 
 def _verified_sweep(folder: str) -> tuple[str, str]:

@@ -33,7 +33,7 @@ from xdynamics.march.witnesses import Witnesses
 from xdynamics.model import Model
 from xdynamics.model.switches import Switch
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import ERRORS, EVENT_AFTER, WITNESSES
+from xdynamics.schema import ERRORS, EVENT_AFTER, EVENT_BEFORE, WITNESSES
 from xdynamics.units import TIME, unit_suffix
 
 PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
@@ -170,7 +170,7 @@ class March:
                 self._look_at_the_end(block)
                 self._judge_events(block)
                 self.held_links = self.held_links or bool(log.closed_rows.shape[1])
-                self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
+                self.event_pairs += _rows_without_a_step(log, block.rows)
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 # rows of events come as they come
                 most = max(most_recycled(self.layout), (self.expected_rows or 0) - int(self.now.rows))
@@ -204,7 +204,7 @@ class March:
 
     @property
     def accepted(self) -> int:
-        """Number of accepted steps; an event's second row does not count."""
+        """Number of accepted steps; rows that no step led to do not count."""
         return max(0, int(self.now.rows) - 1 - self.event_pairs)
 
     @property
@@ -359,6 +359,13 @@ class March:
 
     def _end_here(self) -> None:
         self.interrupted = True
+
+
+def _rows_without_a_step(log: Log, rows: int) -> int:
+    """Count the second rows of events, and the first ones of those that are met where the march stands already."""
+    kinds = log.flags[0, :rows]
+    before = np.flatnonzero(kinds == EVENT_BEFORE)
+    return int(np.count_nonzero(kinds == EVENT_AFTER) + np.count_nonzero(log.rows[1, before] == 0.0))
 
 
 # numpy takes microseconds to read one field of a record by name: all fields as one tuple cost less

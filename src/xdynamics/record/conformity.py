@@ -20,10 +20,12 @@ from xdynamics.schema import (
     DERIVED,
     DERIVED_FROM,
     EVENT_AFTER,
+    EVENT_BEFORE,
     EVENTS,
     EVIDENCE,
     FIXED,
     GIVEN_STEP,
+    INITIAL,
     LABEL,
     LEFT_OUT_ATOL,
     NUMBERS,
@@ -228,12 +230,13 @@ def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[st
 
 
 def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
-    """Check that time never decreases, and repeats only at an event's pair; of concatenated runs in each of them."""
+    """Check that time never decreases, and repeats only at the pairs of events; of concatenated runs in each of them."""
     if "time" not in sound or "row_kind" not in sound:
         return
     time, kind = np.asarray(sound["time"].values), np.asarray(sound["row_kind"].values)
     gaps = np.diff(time)
-    wrong = (gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER)) | np.isnan(gaps)
+    met_at_once = (kind[1:] == EVENT_BEFORE) & np.isin(kind[:-1], (INITIAL, EVENT_AFTER))  # at the start, or by another
+    wrong = (gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER) & ~met_at_once) | np.isnan(gaps)
     sizes = _rows_by_run(sound, sound["time"].dims)
     if sizes is not None:
         if sizes.min(initial=1) < 1 or sizes.sum() != time.size:
@@ -247,7 +250,7 @@ def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
         row = int(np.flatnonzero(wrong)[0]) + 1
         yield (
             f"variable 'time' goes from {float(time[row - 1])!r} to {float(time[row])!r} at row {row}: it must"
-            " increase, but at an event's pair"
+            " increase, but at the pairs of events"
         )
 
 

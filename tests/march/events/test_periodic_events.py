@@ -66,8 +66,8 @@ def test_kicks_come_at_their_times(method: str, settings: dict[str, object], off
 
 
 def test_the_first_is_after_its_phase() -> None:
-    """Assert times with a phase, also one longer than a period, and that the third stops the run."""
-    for phase, times in (("0.1 s", [0.1, 0.4, 0.7]), ("0.5 s", [0.5, 0.8, 1.1]), ("0 s", [0.3, 0.6, 0.9])):
+    """Assert times with a phase, also none and one longer than a period, and that the third stops the run."""
+    for phase, times in (("0.1 s", [0.1, 0.4, 0.7]), ("0.5 s", [0.5, 0.8, 1.1]), ("0 s", [0.0, 0.3, 0.6])):
         model = spring(f'[events.end]\nevery = "0.3 s"\nphase = "{phase}"\naction = "stop"\ncount = 3\n')
         run = xd.simulate(model, method="rk4", step="70 ms", until="2 s")
         assert run.event_time.values == pytest.approx(times, abs=1e-15)

@@ -69,7 +69,7 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
     run.watches["hit"], run.watches["left"], run.pending[:] = zero_tests.NONE, [0.5, 0.25], [0.03125, 0.0]
     monkeypatch.setitem(plain(arming.rearm).__globals__, "arm", lambda _, i, value: armed.append((i, value)))
     armed: list[tuple[int, float]] = []
-    plain(arming.rearm)(run)
+    plain(arming.rearm)(run, False)
     assert run.pending.tolist() == ([0.0, 0.0] if apart else [0.03125 + 0.125, 0.375])
     assert armed == ([(i, run.g1[i]) for i in range(2)] if apart else [])
 

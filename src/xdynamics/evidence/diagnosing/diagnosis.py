@@ -11,6 +11,7 @@ import numpy as np
 
 from xdynamics import archive, schema
 from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.evidence.audit import NOT_CHECKED, Gate, audit, gates_as, gates_of, gates_said
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, Tighter, check_whole, tighter_of
 from xdynamics.evidence.diagnosing import chaos
@@ -123,7 +124,9 @@ def diagnose(
         (passed, failed, not_checked), of each variable that they change how far the furthest is off and what rounding
         explains, `continuity_defect_y` and `continuity_bound_y`, and when it starts, `continuity_time`;
         with a companion `believed_until`, the time up to which no coordinate, velocity or state is further from the
-        solution than a tenth of its range; on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it;
+        solution than a tenth of its range (as far as a second march can tell: it marches the same way, and would miss
+        the same event); along `gate`, of a model with acting events or contacts, `gate_name`, `gate_verdict` and
+        `gate_reason`: whether anything in the record contradicts the model (`events_met`, `contacts_admissible`); on request `lyapunov_exponent` (the largest), `lyapunov_time` (1 over it;
         inf if it is not above twice its uncertainty or has grown less than a thousandfold) and `finite_time_growth`, of
         the change of the start that grows most until the run's end, with `lyapunov_exponents`, `lyapunov_uncertainty`
         along `exponent`: of coordinates, velocities and states, not of time. Along `cycle`: `cycle_time`, `period`,
@@ -254,6 +257,10 @@ def _dataset(
     variables |= dict(residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:
         variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))
+    gates = gates_as([Gate(name, NOT_CHECKED, "") for name in gates_of(rows.model)])
+    if gates and not isinstance(rows, Unread):
+        gates = gates_as(audit(rows.whole(run) if rows.is_stored else run, functions))
+    variables |= gates
     if tighter is not None:
         variables |= believed(rows, tighter)
         attributes["companion"] = tighter.said
@@ -302,6 +309,7 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             )
             yield f"{name} = {diagnosed(found, str(name))}{shown}"
     yield from continuity_said(found)
+    yield from gates_said(found)
     yield from chaos.exponents_in_words(found)
     if doubt := stated(found, "cycle_doubt"):
         yield f"attention: {doubt}"

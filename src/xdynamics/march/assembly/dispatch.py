@@ -353,7 +353,7 @@ def depart(run: Run, reached: bool) -> None:
     end_region(run)
     for i in range(run.detectors.shape[0]):
         run.watches[i].hit = NONE
-    rearm(run)
+    rearm(run, True)
 
 
 @shared

@@ -6,7 +6,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
-from xdynamics.march.events.departures import acts, depart, judges, leave_again, take_departure
+from xdynamics.march.events.departures import acts, find_sides, judges, leave_again, take_departure
 from xdynamics.march.events.zero_tests import NEAR, NONE, TOUCHED, murk, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
@@ -42,7 +42,7 @@ def rearm(run: Run, changed: bool) -> None:
     state were changed.
     """
     if judges(run):
-        depart(run)
+        find_sides(run)
     set_time(run, T, run.now[0].t)
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):

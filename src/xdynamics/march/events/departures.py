@@ -55,7 +55,7 @@ def begin_departures(run: Run) -> None:
         departure.last, departure.pause, departure.earlier, departure.longest, departure.short = -inf, inf, inf, inf, 0
         departure.limit, departure.doubt = -inf, 0.0
         watch.hit = NONE
-    depart(run)
+    find_sides(run)
     number = 0
     for i in range(run.detectors.shape[0]):
         departure = run.departures[i]
@@ -69,7 +69,7 @@ def begin_departures(run: Run) -> None:
 
 
 @shared
-def depart(run: Run) -> None:
+def find_sides(run: Run) -> None:
     """Find out to which side the motion takes each acting event's function from the march's state.
 
     The sign of its rate by the forces that hold from there on tells, where this is more than rounding; else that of its
@@ -87,11 +87,11 @@ def depart(run: Run) -> None:
                 departure.side = sign(run.slopes[i])
             flat = flat or departure.side == 0
     if flat:
-        depart_from_rest(run)
+        find_sides_from_rest(run)
 
 
 @shared
-def depart_from_rest(run: Run) -> None:
+def find_sides_from_rest(run: Run) -> None:
     """Do so for functions whose rates are zero, or not known, a moment later."""
     for i in range(run.detectors.shape[0]):
         run.entered[i] = run.slopes[i]

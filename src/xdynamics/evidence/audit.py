@@ -1,0 +1,259 @@
+"""What a run's record alone tells of faults that no second march sees, since it marches the same way.
+
+An acting event that stands at zero, leaves it in its own direction and is not met; events of one detector that crowd
+together in time; contacts that pull, are penetrated, or hold more than friction can. Each is a contradiction between
+the record and the model that stands in it, whatever method made it, and whenever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.elementary import kept_set
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.expressions import Node
+from xdynamics.faults import spoken
+from xdynamics.methods.moreau import MOREAU_JEAN
+from xdynamics.model import Function, Model
+from xdynamics.model.delays import is_before
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
+from xdynamics.model.parts import RECORD
+from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
+from xdynamics.reaction_names import contact_force, contact_gap, friction_force
+from xdynamics.record import unfold
+from xdynamics.record.flag_words import words_of
+from xdynamics.schema import flags
+from xdynamics.shapes.naming import parted
+from xdynamics.units import parse_unit, unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]] | None
+
+GATE = "gate"
+VERDICTS = PASSED, FAILED, NOT_CHECKED = ("passed", "failed", "not_checked")
+EVENTS, CONTACTS = "events_met", "contacts_admissible"
+ZERO = 1e-9  # of the largest value of an event function: as good as zero
+CROWDED = 100.0  # time tolerances between two occurrences of an acting event, below which they are not apart
+SLACK = 1e-7  # of the largest force or gap of a contact: more than what its events are located within
+_DIRECTIONS = {"rising": 1.0, "falling": -1.0}
+
+
+class Gate(NamedTuple):
+    """A question put to a record: its name, what became of it, and why."""
+
+    name: str
+    verdict: str
+    reason: str
+
+
+def audit(run: xr.Dataset, functions: Functions = None) -> list[Gate]:
+    """Look for contradictions between a record and its model.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run record, of any version.
+    functions : mapping of str to callable, optional
+        The Python functions that the model calls; event functions that call one are not checked without it.
+
+    Returns
+    -------
+    list of Gate
+        `events_met` of a model with events that stop, switch or reset; `contacts_admissible` of one with contacts or dry
+        friction. A record that does not hold what is needed is `not_checked`.
+    """
+    model = model_of(run, functions)
+    gates = []
+    if has_acting(model):
+        gates.append(_gate(EVENTS, _unmet_events, run, model, "every acting event at zero was met or left in time"))
+    if reactions(model) or model.assemblies:
+        gates.append(_gate(CONTACTS, _broken_contacts, run, model, "no contact pulls, overlaps or holds too much"))
+    return gates
+
+
+def gates_of(model: Model) -> list[str]:
+    """Name the gates of a model's runs."""
+    names = [EVENTS] if has_acting(model) else []
+    return names + ([CONTACTS] if reactions(model) or model.assemblies else [])
+
+
+def has_acting(model: Model) -> bool:
+    """Whether an event stops a run, switches its regime or resets its state where a function is zero."""
+    return any(event.action != RECORD and event.every is None for event in model.events.values())
+
+
+def contradiction(run: xr.Dataset, functions: Functions = None) -> str:
+    """Return what contradicts itself in a record, in words; nothing if all gates are passed, or cannot be checked."""
+    return "; ".join(gate.reason for gate in audit(run, functions) if gate.verdict == FAILED)
+
+
+def gates_as(gates: list[Gate]) -> dict[str, Any]:
+    """Return gates as variables of a Dataset; none where there are none."""
+    if not gates:
+        return {}
+    verdicts = np.array([VERDICTS.index(gate.verdict) for gate in gates], np.int8)
+    return {
+        "gate_name": (
+            (GATE,),
+            np.array([gate.name for gate in gates]),
+            about("1", "what is asked of the record", "rule"),
+        ),
+        "gate_reason": ((GATE,), np.array([gate.reason for gate in gates]), about("1", "what was found", "rule")),
+        "gate_verdict": (
+            (GATE,),
+            verdicts,
+            about("1", "what became of it", "flag") | flags(dict(enumerate(VERDICTS))),
+        ),
+    }
+
+
+def gates_said(found: xr.Dataset) -> Iterator[str]:
+    """Describe the gates of a diagnosis that are not passed."""
+    if "gate_name" not in found:
+        return
+    for verdict, reason in zip(
+        found["gate_verdict"].values.tolist(), found["gate_reason"].values.tolist(), strict=True
+    ):
+        if VERDICTS[verdict] != PASSED:
+            yield f"{'attention' if VERDICTS[verdict] == FAILED else 'not checked'}: {reason}"
+
+
+def _gate(
+    name: str, look: Callable[[xr.Dataset, Model], Iterator[str]], run: xr.Dataset, model: Model, passed: str
+) -> Gate:
+    """Put a question to a record; one that lacks a column leaves it open."""
+    try:
+        faults = list(look(unfold(run), model))
+    except KeyError as missing:
+        return Gate(name, NOT_CHECKED, f"the record has no {missing}")
+    return Gate(name, FAILED, spoken("; ".join(faults))) if faults else Gate(name, PASSED, passed)
+
+
+def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
+    """Say which acting events stand at zero, leave it in their direction and are not met, or crowd together."""
+    acting = {
+        name: event.function
+        for name, event in model.events.items()
+        if event.action != RECORD and event.every is None and not isinstance(event.function, Function)
+    }
+    trees = {name: model.expanded(tree) for name, tree in acting.items()}
+    trees = {name: tree for name, tree in trees.items() if not any(map(is_before, model.reads(tree)))}
+    times, met = run["time"].values, _occurrences(run)
+    second = unit_suffix(str(run["time"].attrs["units"]))
+    rates = [model.rate_of(tree) for tree in trees.values()]
+    columns = _evaluated(run, model, [*trees.values(), *rates])
+    for name, values, slopes in zip(trees, columns, columns[len(trees) :], strict=False):
+        direction = _DIRECTIONS.get(model.events[name].direction, 0.0)
+        of_this = met.get(name, met.get(parted(name)[0], np.zeros(0)))
+        for row in _left_unmet(run, values, slopes, direction, of_this):
+            yield (
+                f"event '{name}' is at zero at t = {times[row]:.15g}{second} and leaves it {model.events[name].direction},"
+                " which is its direction, and was not met"
+            )
+            break
+    for name in acting:
+        asked = model.events[name].time_tolerance
+        tolerance = float(run.attrs.get("solver_time_tolerance", 0.0)) if asked is None else asked.si
+        pauses = np.diff(met.get(name, np.zeros(0)))
+        if (close := pauses <= CROWDED * tolerance).any():
+            when = met[name][int(np.argmax(close))]
+            yield f"event '{name}' acts twice within {CROWDED:.0f} time tolerances, at t = {when:.15g}{second}"
+
+
+def _left_unmet(run: xr.Dataset, values: Floats, rates: Floats, direction: float, met: Floats) -> Iterator[int]:
+    """Yield the rows at the start or behind an event at which a function is zero, and leaves it in its direction unmet.
+
+    One that was met there goes on in its direction, and has to be met again if it had been turned back.
+    """
+    times = np.asarray(run["time"].values, float)
+    if direction == 0.0 or not values.size:
+        return
+    small = ZERO * np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
+    begins = np.isin(run["row_kind"].values, (schema.INITIAL, schema.EVENT_AFTER)) & (np.abs(values) <= small)
+    for row in np.flatnonzero(begins).tolist():
+        left = np.flatnonzero((times > times[row]) & (np.abs(values) > small))[:1]
+        if not left.size or np.sign(values[left[0]]) != direction:
+            continue
+        turned_back = rates[row] * direction < 0.0
+        after = met > times[row] if turned_back else met >= times[row]
+        if not (after & (met <= times[left[0]])).any():
+            yield row
+
+
+def _occurrences(run: xr.Dataset) -> dict[str, Floats]:
+    """Return when each detector met an event, by its name; of an event of elements, when any of them did."""
+    words, times = np.array(words_of(run["event_detector"]), object), np.asarray(run["event_time"].values, float)
+    return {word: times[words == word] for word in dict.fromkeys(words.tolist())}
+
+
+def _evaluated(run: xr.Dataset, model: Model, trees: list[Node]) -> list[Floats]:
+    """Return expressions of coordinates, velocities and states in all rows of a record, SI."""
+    state: dict[str, Any] = {"t": _in_si(run, "time"), REGIME_NUMBER: np.zeros(run.sizes[schema.STEPS])}
+    if "regime" in run.variables:
+        state[REGIME_NUMBER] = run["regime"].values.astype(float)
+    state |= {name: _in_si(run, name) for name in variables(model)}
+    known, set_used = constants(model), kept_set(run.attrs.get("math_functions"))
+    values = evaluated_many(model, trees, state, known, tables_of(model), set_used)
+    return [np.broadcast_to(np.asarray(value, float), state["t"].shape) for value in values]
+
+
+def _in_si(run: xr.Dataset, name: str) -> Floats:
+    factor = float(parse_unit(str(run[name].attrs["units"])).factor)
+    return np.asarray(run[name].values, float) * factor
+
+
+def _broken_contacts(run: xr.Dataset, model: Model) -> Iterator[str]:
+    """Say which contacts pull, are penetrated, or hold more than friction can, in any row."""
+    times, second = run["time"].values, unit_suffix(str(run["time"].attrs["units"]))
+    for reaction in reactions(model):
+        for what, excess in _excesses(run, model, reaction):
+            worst = int(np.argmax(excess)) if excess.size else 0
+            if excess.size and excess[worst] > 0.0:
+                yield f"contact '{reaction.owner}' {what} at t = {times[worst]:.15g}{second}"
+    if "closed_force" in run.variables and run["closed_force"].size and not _steps_over_impacts(run):
+        forces, rows = (np.asarray(run[name].values) for name in ("closed_force", "closed_step"))
+        tolerance = CROWDED * float(run.attrs.get("solver_time_tolerance", 0.0))
+        lasting = np.append(np.diff(times), 0.0)[rows] > tolerance  # what is released at once was about to be
+        pulls = np.where(lasting, -forces, 0.0)
+        if pulls.max() > SLACK * np.abs(forces).max():
+            yield f"a contact of many links pulls at t = {times[rows[int(np.argmax(pulls))]]:.15g}{second}"
+
+
+def _steps_over_impacts(run: xr.Dataset) -> bool:
+    """Whether impacts were not located, so that gaps are negative by as much as a step leaves."""
+    return bool(run.attrs["solver_method"] == MOREAU_JEAN.name)
+
+
+def _excesses(run: xr.Dataset, model: Model, reaction: Reaction) -> Iterator[tuple[str, Floats]]:
+    """Yield what a contact or friction may do too much, and by how much it does in every row, beyond what is left of zero."""
+    if _steps_over_impacts(run):
+        return  # its impulses are those of whole steps
+    if reaction.sort == NORMAL:
+        press, gap = _in_si(run, contact_force(reaction.owner)), _in_si(run, contact_gap(reaction.owner))
+        yield "pulls", -press - SLACK * np.abs(press).max(initial=0.0)
+        yield "is penetrated", -gap - SLACK * np.abs(gap).max(initial=0.0) - _located_within(run, model, reaction)
+        return
+    force = np.abs(_in_si(run, friction_force(reaction.owner)))
+    (most,) = _evaluated(run, model, [model.expanded(reaction.most)])
+    if reaction.sort == TANGENT:
+        most = most * _in_si(run, contact_force(reaction.owner))
+    yield "holds more than friction can", force - most - SLACK * np.abs(force).max(initial=0.0)
+
+
+def _located_within(run: xr.Dataset, model: Model, reaction: Reaction) -> float:
+    """Return how far a gap may be passed by the time within which its impacts are located, SI."""
+    asked = model.contacts[reaction.owner].time_tolerance
+    tolerance = float(run.attrs.get("solver_time_tolerance", 0.0)) if asked is None else asked.si
+    speeds = [
+        float(np.abs(_in_si(run, name)).max(initial=0.0)) for name in map(schema.velocity, model.statement.coordinates)
+    ]
+    return 2.0 * tolerance * sum(speeds)
