@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
+import pytest
+
 import xdynamics as xd
+from cases.command_line import call
+from xdynamics.evidence.audit import audit
 
 GROUND = {"function": "y", "direction": "falling"}
 

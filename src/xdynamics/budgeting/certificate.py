@@ -178,7 +178,6 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
     apart = str(budget["run_contradiction"].values) if "run_contradiction" in budget else ""
     decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
-        ("record", apart == "", apart or "nothing in the run's record contradicts its model"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
         (
             "convergence",
@@ -199,6 +198,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
                 f" {words.count('refused')} refused"
             ),
         ),
+        ("record", apart == "", apart or "nothing in the run's record contradicts its model"),
     ]
     if not physical <= 0.0:  # unknown where nothing is marched yet
         decisions.append(
