@@ -13,6 +13,7 @@ from xdynamics.kernels.lane_numbers import LANE, has_series, is_solved, of_collo
 from xdynamics.kernels.lane_writing import LaneWriter
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
+    AT,
     UNSOUND,
     Operand,
     Place,
@@ -29,10 +30,10 @@ from xdynamics.kernels.radau_memory import RadauMemory
 from xdynamics.kernels.radau_systems import FACTORISE
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
+from xdynamics.kernels.term_sizes import TERM_SIZES
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
-STRIDE, DERIVED = "stride", "derived"
-SCALED_RATIO = f"{step_control.ALLOWED}\n{step_control.RATIO}"  # where tolerances follow their variables
+STRIDE, DERIVED, WEIGH = "stride", "derived", "weigh"
 
 _AIM_FREELY = """
 rest_of = node - t
@@ -120,12 +121,22 @@ new_side = where(moves > 0, new_side, side)
 """
 
 
-def stride(layout: Layout, steps: Steps, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
+def stride(
+    layout: Layout,
+    steps: Steps,
+    *,
+    adaptive: bool,
+    followers: tuple[bool, ...] = (),
+    sizes: Program | None = None,
+) -> tuple[Program, ...]:
     """Write the step, after the programs that it calls, those of the method among them; one gives the finite numbers of a row besides the state.
 
-    `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty.
+    `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty. `sizes` is the
+    program of the sizes of terms, if these tolerances have a floor from them.
     """
     write, solves, foresees = _StepWriter(layout, followers, steps.memory), is_solved(layout), has_series(layout)
+    write.weighs = sizes is not None
+    weighing = () if sizes is None else (sizes, _StepWriter(layout, followers, steps.memory).weighed())
     if foresees:
         write.expand(adaptive=adaptive)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
@@ -151,11 +162,13 @@ def stride(layout: Layout, steps: Steps, *, adaptive: bool, followers: tuple[boo
     pace = (_PACE_FORESEEN if foresees else _PACE) if adaptive else ""
     write.keep(_MOVE + (_JUDGED if layout.estimates else "") + pace + (_SOLVED if solves else ""))
     own = Program(STRIDE, "One step in every lane.", tuple(write.body))
-    return (*inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
+    return (*weighing, *inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
 
 class _StepWriter(LaneWriter):
     """Writes the parts of a step."""
+
+    weighs = False  # whether a trial that fails is weighed again
 
     def expand(self, *, adaptive: bool) -> None:
         """Write the Taylor coefficients at the state; if steps are chosen, choose this one: `march.series.foresee`."""
@@ -220,14 +233,42 @@ class _StepWriter(LaneWriter):
 
     def error_norm(self) -> Operand:
         """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
+        norm = self._largest_ratio(floored=False)
+        if not self.weighs:
+            return norm
+        self.known["unweighed"] = norm
+        self.keep("fails = ready*where(unweighed > 1, 1, 0)")
+        self.store("at", {"t": "reach"})
+        self.body.append(When(self.places["fails"], ProgramCall(WEIGH, "at", "y", "z")))
+        self._parts += 1
+        self.load(f"weighed{self._parts}", self.places["weighed"])
+        self.lines("norm_weighed = where(unweighed > 1, again, unweighed)", again=f"weighed{self._parts}")
+        return self.known["norm_weighed"]
+
+    def weighed(self) -> Program:
+        """Write the program that weighs a trial by the sizes of terms, too."""
+        self.body.append(ProgramCall(TERM_SIZES, "at", "z", "terms"))
+        self.load("width", Place("at", AT.index("h")))
+        self.body.append(StoreTo(self.places["weighed"], self._largest_ratio(floored=True)))
+        about = "The norm of the error, where rounding of the terms of forces is allowed."
+        return Program(WEIGH, about, tuple(self.body), local={"terms": self.layout.record.size})
+
+    def _largest_ratio(self, *, floored: bool) -> Operand:
+        """Find the largest ratio of an error to its scale: `march.control.largest_ratio`."""
         norm: Operand = 0.0
         tops = self.tops(Place("z")) if any(self.followers) else {}
+        n = self.layout.coordinates.size
         for begin, end, kind, follows in self.pieces():
             places = {name: element(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
             places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
             places["slope"] = element("z", self.slope(begin))
-            text = SCALED_RATIO if follows else step_control.RATIO
-            norm = self.greatest([norm], end - begin, text, places, ["ratio"], top=tops.get(kind, 0.0))[0]
+            text = [step_control.ALLOWED] * follows
+            if follows and floored:
+                text.append(step_control.ROUNDED_COORDINATE if begin < n else step_control.ROUNDED_RATE)
+                places["terms"] = element("terms", self.slope(begin + n if begin < n else begin))
+            text.append(step_control.RATIO)
+            top = tops.get(kind, 0.0)
+            norm = self.greatest([norm], end - begin, "\n".join(text), places, ["ratio"], top=top)[0]
         return norm
 
     def _settle(self, first: int) -> None:

@@ -27,6 +27,15 @@ ALLOWED = "allowed = max(atol, floor*top, where(atol == 0, rtol*rest*abs(slope),
 # The largest ratio of an error to its scale; a component that stays zero has no error, whatever its scale
 RATIO = "ratio = where(error != 0, abs(error)/(allowed + rtol*max(abs(before), abs(after))), 0)"
 NORM = f"{RATIO}\nnorm = max(norm, ratio)"
+# Where a trial fails, what rounding of the terms of forces makes of a step is allowed, too: a share of their size along the
+# step, and of a coordinate, whose velocity has that error, along it again. An error within it is none of the method,
+# which longer steps would enlarge, and has no part in the next step either
+_ROUNDED = """
+least = {0}*where(terms - terms == 0, terms, 0)
+allowed = max(allowed, least)
+error = where(abs(error) <= least, 0, error)
+"""
+ROUNDED_RATE, ROUNDED_COORDINATE = map(_ROUNDED.format, ("rounding*width", "rounding*width*width"))
 
 EXPONENT = """
 beta = 0.2/k

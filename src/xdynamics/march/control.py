@@ -15,7 +15,7 @@ from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
 from xdynamics.kernels.step_control import CONSTANTS, LEAST_LOGARITHM
 from xdynamics.march.calls import applied, called
-from xdynamics.march.force_evaluation import slope_of
+from xdynamics.march.force_evaluation import find_term_sizes, slope_of
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 from xdynamics.march.tolerance_sizes import tops_of
@@ -40,6 +40,9 @@ def first_step_rule(method: Method) -> str:
 
 # the lines as functions of numbers
 _allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
+_ROUNDED = "allowed error rounding width terms", "allowed error"
+_of_rate = function_of(step_control.ROUNDED_RATE, *_ROUNDED)
+_of_coordinate = function_of(step_control.ROUNDED_COORDINATE, *_ROUNDED)
 _norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
 _exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
 _proportional = function_of(
@@ -66,13 +69,39 @@ def allowed_of(run: Run, state: State, i: int) -> float:
 
 @compiled
 def error_norm(run: Run) -> float:
-    """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1."""
-    plan, norm = run.plan[0], 0.0
+    """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1.
+
+    Of a trial that fails, errors may be the rounding of forces that cancel: it is weighed again, with a floor from these.
+    """
+    plan = run.plan[0]
     if plan.follows:
         tops_of(run, run.z)
-    for i in range(plan.used):
-        norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed_of(run, run.z, i), plan.rtol)
+    norm = largest_ratio(run, 0.0)
+    if norm > 1.0 and plan.rounding > 0.0:
+        find_term_sizes(run, run.trial[0].t, run.z)
+        norm = largest_ratio(run, run.trial[0].h)
     return norm
+
+
+@shared
+def largest_ratio(run: Run, width: float) -> float:
+    """Return the largest ratio of the trial's errors to their scales, with a floor from terms over a step, or none (0)."""
+    plan, norm = run.plan[0], 0.0
+    for i in range(plan.used):
+        allowed, error = allowed_of(run, run.z, i), run.e[i]
+        if width > 0.0 and run.followers[i]:
+            allowed, error = beyond_rounding(run, i, allowed, error, width)
+        norm = _norm(norm, error, run.y[i], run.z[i], allowed, plan.rtol)
+    return norm
+
+
+@compiled
+def beyond_rounding(run: Run, i: int, allowed: float, error: float, width: float) -> tuple[float, float]:
+    """Return what is allowed to the error of a variable, and the error; within the rounding of its terms there is none."""
+    n, rounding = run.plan[0].coordinates, run.plan[0].rounding
+    if i < n:
+        return _of_coordinate(allowed, error, rounding, width, slope_of(run, run.probe, n + i))
+    return _of_rate(allowed, error, rounding, width, slope_of(run, run.probe, i))
 
 
 @compiled

@@ -33,7 +33,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
     aim_behind(run, w, lane)
     w[L.landed, lane] = 0.0
     w[L.start, lane], w[L.step_size, lane], w[L.rtol, lane] = plan.start, plan.step_size, plan.rtol
-    w[L.floor, lane], w[L.rest, lane] = plan.floor, plan.rest
+    w[L.floor, lane], w[L.rest, lane], w[L.rounding, lane] = plan.floor, plan.rest, plan.rounding
     w[L.k, lane], w[L.safety, lane] = plan.order, plan.safety
     w[L.least, lane], w[L.greatest, lane] = plan.least, plan.greatest
     w[L.min_step, lane], w[L.max_step, lane], w[L.end, lane] = plan.min_step, plan.max_step, plan.end

@@ -31,7 +31,8 @@ from xdynamics.march.past_records import BOOK, DELAY
 
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
-# largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `apart` is 1 where events
+# largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `rounding` is the share of
+# terms that cancel which is allowed to errors at least, 0 for none; `apart` is 1 where events
 # are located one by one, as in version 0.2; `assemblies` counts contacts of many links, of which at most `together` are
 # struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what they do after one;
 # `margin` is added to the rounding by which an interval is widened; `order` is k of an error that falls as h**k;
@@ -44,7 +45,7 @@ from xdynamics.march.past_records import BOOK, DELAY
 # are landed on without a row of events each.
 PLAN = row_of(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
-    " divisor margin start_rest step_rest",
+    " divisor margin start_rest step_rest rounding",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies links together"
     " degree curve polynomial series doubled held moved consistent passing",
@@ -314,7 +315,7 @@ class Run:
     kinds: Given[Short]  # kind of each variable; coordinates, velocities, states of one dimension share one
     tops: Scratch[Floats]  # the largest of each kind, then of their slopes, then a time scale
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
-    probe: Scratch[Floats]  # a state at which forces are evaluated only for scales
+    probe: Scratch[Floats]  # a state at which forces are evaluated only for scales, or the sizes of their terms
     turning: Scratch[Floats]  # slopes and directions for that; see `tolerance_sizes`
     nodes: Given[Floats]  # times to land on between start and end
     node_rests: Given[Floats]  # what is left of each, and of the end, beside the float, where numbers are sums of two
@@ -337,7 +338,8 @@ class Run:
     turned: Passing[Floats]  # W: the same in transformed variables
     past: Passing[Floats]  # differences of the previous step's collocation polynomial
     pivots: Passing[Places]  # of the real system, then the complex one: rows exchanged, first and last rows of columns
-    law: Address[Whole]  # addresses; the last is that of what solves the equations of a step, 0 where nothing is solved
+    # addresses; the last are that of the sizes of terms, 0 where nothing weighs them, and that of what solves the equations
+    law: Address[Whole]  # of a step, 0 where nothing is solved
     functions: Address[Whole]  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
     base: Log[Bases]  # the counts of `now` at the log's first row
     log_flags: Log[Flags]  # kind, regime

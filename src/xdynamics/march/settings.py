@@ -13,7 +13,7 @@ from xdynamics.keywords import FULL, STATES
 from xdynamics.march.delay_faults import delay_faults
 from xdynamics.march.precision_faults import precision_faults
 from xdynamics.march.root_methods import EARLIEST_FIRST, ONE_BY_ONE, ROOT_METHODS
-from xdynamics.march.tolerances import Tolerances, least_rtol
+from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import (
     EMBEDDED,
@@ -136,6 +136,8 @@ class Settings:
         Whether the order of the method was asked for, and does not follow from the tolerance.
     precision : str
         Whether a number is one float or the sum of two, one of `PRECISIONS`.
+    atol_floor : str
+        What tolerances that follow are never less than, one of `ATOL_FLOORS`.
     """
 
     method: Method
@@ -158,6 +160,7 @@ class Settings:
     event_root_method: str = EARLIEST_FIRST
     order_given: bool = False
     precision: str = FLOAT64
+    atol_floor: str = OF_TERMS
 
     @property
     def partial(self) -> bool:
@@ -243,6 +246,8 @@ class Settings:
             faults.append(
                 f"event_root_method is {self.event_root_method!r}; there are {', '.join(map(repr, ROOT_METHODS))}"
             )
+        if self.atol_floor not in ATOL_FLOORS:
+            faults.append(f"atol_floor is {self.atol_floor!r}; there are {', '.join(map(repr, ATOL_FLOORS))}")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

@@ -17,6 +17,7 @@ from xdynamics.march import Runs, Settings, march_each, march_many
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.log import Room
 from xdynamics.march.root_methods import EARLIEST_FIRST
+from xdynamics.march.tolerances import OF_TERMS
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
@@ -214,6 +215,11 @@ class SweepGrid:
     def event_root_method(self) -> str:
         """How events of all members are located."""
         return str(self.asked.get("event_root_method") or EARLIEST_FIRST)
+
+    @property
+    def atol_floor(self) -> str:
+        """The floor of tolerances that follow of all members."""
+        return str(self.asked.get("atol_floor") or OF_TERMS)
 
     def shape_of(self, block: Sequence[slice]) -> tuple[int, ...]:
         """Return the number of members of a block along each axis."""
