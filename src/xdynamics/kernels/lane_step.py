@@ -76,8 +76,18 @@ _FORESEE = """
 foreseen = where(rejected > 0, step, min(min(factor*doubling, max_step), remaining))
 fits = where(rejected > 0, 0, where(foreseen > max(min_step, max(1e-14*abs(t), 1e-300)), 1, 0))
 """
+# a step that the rounding of terms may have shortened is lengthened by the single march
+_FORESEE_WEIGHED = """
+usual = where(h > 0, where(foreseen < least*h, 0, 1), where(foreseen < tiny*rest, 0, 1))
+fits = fits*usual*where(weighs > 1, 0, 1)
+"""
 _CONTROL = f"logarithm = log(norm)\n{step_control.EXPONENT}\npower = exp(exponent)\n{step_control.PROPORTIONAL}"
 _PREDICT = step_control.PREDICTIVE + step_control.PREDICTED
+_WEIGHED = """
+norm_weighed = where(doubtful_now > 0, weighed_now, unweighed)
+lowered = doubtful_now*where(norm_weighed < unweighed, 2, 0)
+"""
+_DOUBTED = "weighs = where(moves + turns_back > 0, where(unweighed > 0, lowered, weighs), weighs)"
 _MOVE = """
 t = where(moves > 0, reach, t)
 h = where(moves > 0, width, h)
@@ -135,7 +145,7 @@ def stride(
     program of the sizes of terms, if these tolerances have a floor from them.
     """
     write, solves, foresees = _StepWriter(layout, followers, steps.memory), is_solved(layout), has_series(layout)
-    write.weighs = sizes is not None
+    write.weighs = sizes is not None and layout.estimates
     weighing = () if sizes is None else (sizes, _StepWriter(layout, followers, steps.memory).weighed())
     if foresees:
         write.expand(adaptive=adaptive)
@@ -160,7 +170,8 @@ def stride(
     write.smooth()
     write.move(adaptive=adaptive)
     pace = (_PACE_FORESEEN if foresees else _PACE) if adaptive else ""
-    write.keep(_MOVE + (_JUDGED if layout.estimates else "") + pace + (_SOLVED if solves else ""))
+    judged = (_JUDGED if layout.estimates else "") + (_DOUBTED if write.weighs else "")
+    write.keep(_MOVE + judged + pace + (_SOLVED if solves else ""))
     own = Program(STRIDE, "One step in every lane.", tuple(write.body))
     return (*weighing, *inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
@@ -191,7 +202,7 @@ class _StepWriter(LaneWriter):
             self.known[f"log2_{name}"] = self.known["log2"]
         self.lines(step_control.FORESEEN, per_before=1.0 / (order - 1), per_last=1.0 / order)
         self.compute("doubling", "binary_power", "whole")
-        self.lines(_FORESEE)
+        self.lines(_FORESEE + (_FORESEE_WEIGHED if self.weighs else ""), tiny=step_control.TINY)
         self.known["step"] = self.known["foreseen"]
 
     def propose(self, programs: tuple[Program, ...]) -> tuple[Program, ...]:
@@ -237,12 +248,14 @@ class _StepWriter(LaneWriter):
         if not self.weighs:
             return norm
         self.known["unweighed"] = norm
-        self.keep("fails = ready*where(unweighed > 1, 1, 0)")
+        self.keep("doubtful = ready*where(unweighed > 1, 1, where(weighs > 0, 1, 0))")
         self.store("at", {"t": "reach"})
-        self.body.append(When(self.places["fails"], ProgramCall(WEIGH, "at", "y", "z")))
-        self._parts += 1
-        self.load(f"weighed{self._parts}", self.places["weighed"])
-        self.lines("norm_weighed = where(unweighed > 1, again, unweighed)", again=f"weighed{self._parts}")
+        self.body.append(When(self.places["doubtful"], ProgramCall(WEIGH, "at", "y", "z")))
+        for name in ("doubtful", "weighed"):
+            self._parts += 1
+            self.load(f"{name}{self._parts}", self.places[name])
+            self.known[f"{name}_now"] = f"{name}{self._parts}"
+        self.lines(_WEIGHED)
         return self.known["norm_weighed"]
 
     def weighed(self) -> Program:
@@ -264,7 +277,8 @@ class _StepWriter(LaneWriter):
             places["slope"] = element("z", self.slope(begin))
             text = [step_control.ALLOWED] * follows
             if follows and floored:
-                text.append(step_control.ROUNDED_COORDINATE if begin < n else step_control.ROUNDED_RATE)
+                text.append(step_control.LEAST_OF_COORDINATE if begin < n else step_control.LEAST_OF_RATE)
+                text.append(step_control.BEYOND_ROUNDING)
                 places["terms"] = element("terms", self.slope(begin + n if begin < n else begin))
             text.append(step_control.RATIO)
             top = tops.get(kind, 0.0)

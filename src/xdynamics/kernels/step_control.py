@@ -30,12 +30,10 @@ NORM = f"{RATIO}\nnorm = max(norm, ratio)"
 # Where a trial fails, what rounding of the terms of forces makes of a step is allowed, too: a share of their size along the
 # step, and of a coordinate, whose velocity has that error, along it again. An error within it is none of the method,
 # which longer steps would enlarge, and has no part in the next step either
-_ROUNDED = """
-least = {0}*where(terms - terms == 0, terms, 0)
-allowed = max(allowed, least)
-error = where(abs(error) <= least, 0, error)
-"""
-ROUNDED_RATE, ROUNDED_COORDINATE = map(_ROUNDED.format, ("rounding*width", "rounding*width*width"))
+_TERMS = "where(terms - terms == 0, terms, 0)"
+LEAST_OF_RATE, LEAST_OF_COORDINATE = f"least = rounding*width*{_TERMS}", f"least = rounding*width*width*{_TERMS}"
+TINY = 1e-6  # of `rest`: a first step that rounding may have shortened
+BEYOND_ROUNDING = "allowed = max(allowed, least)\nerror = where(abs(error) <= least, 0, error)"
 
 EXPONENT = """
 beta = 0.2/k

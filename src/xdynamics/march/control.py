@@ -40,9 +40,9 @@ def first_step_rule(method: Method) -> str:
 
 # the lines as functions of numbers
 _allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
-_ROUNDED = "allowed error rounding width terms", "allowed error"
-_of_rate = function_of(step_control.ROUNDED_RATE, *_ROUNDED)
-_of_coordinate = function_of(step_control.ROUNDED_COORDINATE, *_ROUNDED)
+_of_rate = function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
+_of_coordinate = function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
+_beyond = function_of(step_control.BEYOND_ROUNDING, "allowed error least", "allowed error")
 _norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
 _exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
 _proportional = function_of(
@@ -71,15 +71,19 @@ def allowed_of(run: Run, state: State, i: int) -> float:
 def error_norm(run: Run) -> float:
     """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1.
 
-    Of a trial that fails, errors may be the rounding of forces that cancel: it is weighed again, with a floor from these.
+    Of a trial that fails, errors may be the rounding of forces that cancel: it is weighed again, with a floor from these;
+    and so are those after it, whose steps would not grow by such errors, until one has none.
     """
-    plan = run.plan[0]
+    plan, trial = run.plan[0], run.trial[0]
+    trial.weighed = 0
     if plan.follows:
         tops_of(run, run.z)
     norm = largest_ratio(run, 0.0)
-    if norm > 1.0 and plan.rounding > 0.0:
-        find_term_sizes(run, run.trial[0].t, run.z)
-        norm = largest_ratio(run, run.trial[0].h)
+    if plan.rounding > 0.0 and (norm > 1.0 or run.now[0].weighs > 0):
+        find_term_sizes(run, trial.t, run.z)
+        lower = largest_ratio(run, trial.h)
+        trial.weighed = int(lower < norm)
+        return lower
     return norm
 
 
@@ -90,18 +94,18 @@ def largest_ratio(run: Run, width: float) -> float:
     for i in range(plan.used):
         allowed, error = allowed_of(run, run.z, i), run.e[i]
         if width > 0.0 and run.followers[i]:
-            allowed, error = beyond_rounding(run, i, allowed, error, width)
+            allowed, error = _beyond(allowed, error, rounding_of(run, i, width))
         norm = _norm(norm, error, run.y[i], run.z[i], allowed, plan.rtol)
     return norm
 
 
 @compiled
-def beyond_rounding(run: Run, i: int, allowed: float, error: float, width: float) -> tuple[float, float]:
-    """Return what is allowed to the error of a variable, and the error; within the rounding of its terms there is none."""
+def rounding_of(run: Run, i: int, width: float) -> float:
+    """Return what rounding of its terms, whose sizes were found, makes of a variable in a step."""
     n, rounding = run.plan[0].coordinates, run.plan[0].rounding
     if i < n:
-        return _of_coordinate(allowed, error, rounding, width, slope_of(run, run.probe, n + i))
-    return _of_rate(allowed, error, rounding, width, slope_of(run, run.probe, i))
+        return float(_of_coordinate(rounding, width, slope_of(run, run.probe, n + i)))
+    return float(_of_rate(rounding, width, slope_of(run, run.probe, i)))
 
 
 @compiled

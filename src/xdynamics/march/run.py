@@ -51,15 +51,16 @@ PLAN = row_of(
     " degree curve polynomial series doubled held moved consistent passing",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
-# the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
+# the step last tried, `rest` what is left of the time beside `t`; `weighs` is above 0 where errors may be the rounding of
+# terms, 2 where it was so in the last trial; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
 NOW = row_of(
     "t h norm step step_log first_step rest",
-    "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
+    "status regime rows trials events samples grid node crossed on_grid rejected weighs evaluations jacobians factorisations",
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
 # where its state is finite, and `unsound_events` where its event functions are, else nan; `deviation` is how far from 1
-# the length of a quaternion was, see `attitudes`.
-TRIAL = row_of("t h unsound unsound_events rest deviation", "landing iterations")
+# the length of a quaternion was, see `attitudes`; `weighed` is 1 where some of its errors were the rounding of terms.
+TRIAL = row_of("t h unsound unsound_events rest deviation", "landing iterations weighed")
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity

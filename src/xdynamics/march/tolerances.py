@@ -27,9 +27,10 @@ LEAST_RTOL = 10 * EPS  # of numbers of one float
 OF_TERMS, NO_FLOOR = "terms that cancel", "none"
 ATOL_FLOORS = {  # what a tolerance that follows is never less than, besides `ATOL_RULE`, as described in a record
     OF_TERMS: (
-        "where a trial fails, at least 10 spacings of 1 times the step times the sum of the sizes of the terms of the"
+        "at least 10 spacings of 1 times the step times the sum of the sizes of the terms of the"
         " variable's rate at its end, through the mass, forces of contacts, friction and constraints among them; of a"
-        " coordinate that of its velocity times the step; an error within that is none of the method, and counts as 0"
+        " coordinate that of its velocity times the step; an error within that is none of the method, and counts as 0;"
+        " looked at where a trial fails, in the first after a start, an event or a node, and in those after it while it matters"
     ),
     NO_FLOOR: "",
 }
