@@ -31,7 +31,7 @@ def judge(run: Run) -> int:
         return REASON_EVENT_FUNCTION
     now.norm = error_norm(run) if run.plan[0].estimates else 0.0
     if run.plan[0].rounding > 0.0 and (now.norm > 0.0 or trial.weighed > 0):  # one without errors says nothing of the next
-        now.weighs = 2 * trial.weighed
+        run.kept[0].weighs = 2 * trial.weighed
     return REASON_ERROR if run.plan[0].adaptive and not accepts(now.norm) else SOUND
 
 

@@ -79,7 +79,7 @@ def error_norm(run: Run) -> float:
     if plan.follows:
         tops_of(run, run.z)
     norm = largest_ratio(run, 0.0)
-    if plan.rounding > 0.0 and (norm > 1.0 or run.now[0].weighs > 0):
+    if plan.rounding > 0.0 and (norm > 1.0 or run.kept[0].weighs > 0):
         find_term_sizes(run, trial.t, run.z)
         lower = largest_ratio(run, trial.h)
         trial.weighed = int(lower < norm)

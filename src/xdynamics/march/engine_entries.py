@@ -148,7 +148,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     now.t, now.h, now.norm, now.step, now.step_log, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 0.0, 0.0
     now.rest = plans[k].start_rest
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
-    now.grid, now.node, now.crossed, now.on_grid, now.rejected, now.weighs = 0, 0, 0, 1, 0, 0
+    now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
     now.regime = plans[k].regime
     forget(run)

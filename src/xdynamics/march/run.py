@@ -51,11 +51,10 @@ PLAN = row_of(
     " degree curve polynomial series doubled held moved consistent passing",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
-# the step last tried, `rest` what is left of the time beside `t`; `weighs` is above 0 where errors may be the rounding of
-# terms, 2 where it was so in the last trial; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
+# the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
 NOW = row_of(
     "t h norm step step_log first_step rest",
-    "status regime rows trials events samples grid node crossed on_grid rejected weighs evaluations jacobians factorisations",
+    "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
 # where its state is finite, and `unsound_events` where its event functions are, else nan; `deviation` is how far from 1
@@ -88,12 +87,13 @@ PIECE = row_of("start end width wide full first last", "cut rough part verdict s
 # What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number; the
 # rest as in `newton_matrix.NewtonSystem`.
 EQUATIONS = row_of("", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives")
-# What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are
+# What is kept from step to step, and forgotten at a node. `weighs` is above 0 where errors may be the rounding of terms, 2
+# where they were so in the last trial; the rest is of `march.implicit.radau`. The factors belong to the step size `factored`, 0 if there are
 # none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
 # after a start, those of the previous accepted step; `growth` is the factor for the next step, 0 where step control
 # chooses it. `linearised` is whether the derivatives may be used, `fresh` whether they are those at the state itself,
 # `since` what the march did since the last trial.
-KEPT = row_of("factored change ratio theta eta step norm growth", "linearised fresh since turns")
+KEPT = row_of("factored change ratio theta eta step norm growth", "linearised fresh since turns weighs")
 BEGUN, STAYED, MOVED = range(3)
 # The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how
 # low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.

@@ -101,7 +101,7 @@ def foreseen_step(run: Run, size: float, time: float, lower: float) -> float:
 def may_be_rounding(run: Run) -> bool:
     """Whether a step may be as short as it is by the rounding of terms: so it was before, or it is much shorter than that."""
     now, plan = run.now[0], run.plan[0]
-    if now.weighs > 1:
+    if run.kept[0].weighs > 1:
         return True
     return bool(now.step < (plan.least * now.h if now.h > 0.0 else TINY * plan.rest))
 
