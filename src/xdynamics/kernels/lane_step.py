@@ -278,9 +278,8 @@ class _StepWriter(LaneWriter):
             text = [step_control.ALLOWED] * follows
             if follows and floored:
                 text.append(step_control.LEAST_OF_COORDINATE if begin < n else step_control.LEAST_OF_RATE)
-                text.append(step_control.BEYOND_ROUNDING)
                 places["terms"] = element("terms", self.slope(begin + n if begin < n else begin))
-            text.append(step_control.RATIO)
+            text.append(step_control.FLOORED_RATIO if follows and floored else step_control.RATIO)
             top = tops.get(kind, 0.0)
             norm = self.greatest([norm], end - begin, "\n".join(text), places, ["ratio"], top=top)[0]
         return norm

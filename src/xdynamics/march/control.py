@@ -42,7 +42,9 @@ def first_step_rule(method: Method) -> str:
 _allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
 _of_rate = function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
 _of_coordinate = function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
-_beyond = function_of(step_control.BEYOND_ROUNDING, "allowed error least", "allowed error")
+_floored_norm = function_of(
+    step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm"
+)
 _norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
 _exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
 _proportional = function_of(
@@ -92,10 +94,12 @@ def largest_ratio(run: Run, width: float) -> float:
     """Return the largest ratio of the trial's errors to their scales, with a floor from terms over a step, or none (0)."""
     plan, norm = run.plan[0], 0.0
     for i in range(plan.used):
-        allowed, error = allowed_of(run, run.z, i), run.e[i]
+        allowed = allowed_of(run, run.z, i)
         if width > 0.0 and run.followers[i]:
-            allowed, error = _beyond(allowed, error, rounding_of(run, i, width))
-        norm = _norm(norm, error, run.y[i], run.z[i], allowed, plan.rtol)
+            least = rounding_of(run, i, width)
+            norm = _floored_norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol, least)
+        else:
+            norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol)
     return norm
 
 

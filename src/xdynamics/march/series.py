@@ -153,10 +153,10 @@ def norms_at_start(run: Run, width: float) -> tuple[float, float]:
     """
     plan, size, slope = run.plan[0], 0.0, 0.0
     for i in range(plan.used):
-        allowed = allowed_of(run, run.y, i)
+        weight = _weight(allowed_of(run, run.y, i), plan.rtol, run.y[i])
         if width > 0.0 and run.followers[i]:
-            allowed = max(allowed, rounding_of(run, i, width))
-        weight = _weight(allowed, plan.rtol, run.y[i])
+            least = rounding_of(run, i, width)
+            weight = min(weight, 1.0 / least) if least > 0.0 else weight
         size = larger(size, _ratio(run.y[i], weight))
         slope = larger(slope, _ratio(slope_of(run, run.y, i), weight))
         run.half[i] = weight

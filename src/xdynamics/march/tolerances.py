@@ -29,7 +29,8 @@ ATOL_FLOORS = {  # what a tolerance that follows is never less than, besides `AT
     OF_TERMS: (
         "at least 10 spacings of 1 times the step times the sum of the sizes of the terms of the"
         " variable's rate at its end, through the mass, forces of contacts, friction and constraints among them; of a"
-        " coordinate that of its velocity times the step; an error within that is none of the method, and counts as 0;"
+        " coordinate that of its velocity times the step; where that is more than the tolerances allow, an error within it"
+        " is none of the method, and counts as 0;"
         " looked at where a trial fails, in the first after a start, an event or a node, and in those after it while it matters"
     ),
     NO_FLOOR: "",

@@ -40,7 +40,7 @@ def correction(run: Run, h: float, y: State, weighed: bool) -> float:
         for k in range(3):
             change = abs(run.stages[k * n + i])
             run.right[i] = larger(run.right[i], change)
-            if change <= least:
+            if change <= least and scale < least:
                 continue
             if change != 0.0:
                 largest = larger(largest, change / scale)
