@@ -48,7 +48,7 @@ def resting(name: str, seed: int | None = None) -> Resting:
 
 
 def _middle(low: float, high: float) -> float:
-    return math.sqrt(low * high)
+    return round(math.sqrt(low * high), 12)
 
 
 def marched(case: Resting, method: str, **settings: Any) -> xr.Dataset | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +11,14 @@ import xarray as xr
 
 import xdynamics as xd
 from tests.cases.resting import CASES, METHODS, Resting, marched, marched_absolutely, resting
-from xdynamics.march import lanes as _lanes  # noqa: F401 - compiled once, before it is asked for
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
-from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 
 SECONDS = 1e-9  # from the closed form, at most
-EVER_SMALLER = "bogacki_shampine"  # by which a motion from zero takes hundreds of rows for each factor e, held before or not
+EVER_SMALLER = (
+    "bogacki_shampine"  # by which a motion from zero takes hundreds of rows for each factor e, held before or not
+)
 
 
 def released(run: xr.Dataset) -> int:
@@ -33,7 +32,11 @@ def check(case: Resting, run: xr.Dataset, other: xr.Dataset) -> None:
     assert run.attrs["run_outcome"] == "completed", run.attrs["run_outcome_text"]
     if math.isfinite(case.release):
         assert np.abs(run.event_time.values - case.release).min() <= SECONDS
-    rows, others = (released(run), released(other)) if EVER_SMALLER in run.solver_method else (run.sizes["step"], other.sizes["step"])
+    rows, others = (
+        (released(run), released(other))
+        if EVER_SMALLER in run.solver_method
+        else (run.sizes["step"], other.sizes["step"])
+    )
     assert rows <= 3 * others + 8  # of the first steps, each ten times the one before
 
 
@@ -56,19 +59,16 @@ def test_random_bodies_rest(case: int) -> None:
         check(one, run, marched_absolutely(one, METHODS[number]))
 
 
-@pytest.mark.parametrize("method", ["implicit_midpoint", "gauss_legendre_4"])
-def test_implicit_methods_march_what_cancels(method: str) -> None:
-    """Assert that step doubling does, too."""
-    if method not in xd.METHODS:
-        pytest.skip("no such method")
+@pytest.mark.parametrize("method", ["implicit_midpoint", "velocity_verlet", "rk4"])
+def test_step_doubling_marches_what_cancels(method: str) -> None:
+    """Assert that methods without an embedded formula do, too, solved ones among them."""
     run = xd.simulate(resting("three").model, method=method, rtol=1e-8, until=2.0, estimator="step_doubling")
     assert (run.attrs["run_outcome"], run.sizes["step"] < 30) == ("completed", True)
 
 
 def test_the_former_rule_dies() -> None:
     """Assert that without a floor the run ends, and that its sentence names the remedy besides a singularity."""
-    run = marched(resting("lift"), "dormand_prince", atol_floor="none")
-    assert run is not None
+    run = xd.simulate(resting("lift").model, method="dormand_prince", rtol=1e-8, until=2.0, atol_floor="none")
     assert run.attrs["run_outcome"] == "step_below_spacing"
     assert "give z an atol" in run.attrs["run_outcome_text"]
     assert "atol_floor_rule" not in run.attrs
@@ -78,11 +78,15 @@ def test_the_rule_is_recorded_and_followed_again(tmp_path: Path) -> None:
     """Assert that a record says by which rule it was made, and is reproduced and extended by it."""
     case = resting("pull")
     for rule in ATOL_FLOORS:
-        run = xd.simulate(case.model, method="dop853", rtol=1e-8, until=0.9 * case.release, atol_floor=rule)
+        path = tmp_path / f"{len(ATOL_FLOORS[rule])}.nc"
+        run = xd.simulate(
+            case.model, method="dop853", rtol=1e-8, until=0.9 * case.release, atol_floor=rule, max_steps=100, path=path
+        )
         assert run.attrs.get("atol_floor_rule", "") == ATOL_FLOORS[rule]
-        assert xd.reproduce(run).attrs["identical"] == 1
-    whole = xd.simulate(case.model, method="dop853", rtol=1e-8, until=0.9 * case.release)
-    assert xd.extend(whole, until=case.until).attrs["atol_floor_rule"] == ATOL_FLOORS[OF_TERMS]
+        assert xd.reproduce(path).attrs["identical"] == 1
+    whole = xd.extend(path.with_stem(str(len(ATOL_FLOORS[OF_TERMS]))), until=case.until)
+    assert whole.attrs["atol_floor_rule"] == ATOL_FLOORS[OF_TERMS]
+    assert np.abs(whole.event_time.values - case.release).min() <= SECONDS
 
 
 def test_given_tolerances_have_no_floor() -> None:
@@ -91,18 +95,17 @@ def test_given_tolerances_have_no_floor() -> None:
     assert "atol_floor_rule" not in run.attrs
 
 
-@pytest.mark.parametrize("method", ["dormand_prince", "dop853", "taylor", "radau_iia", "dprkn6"])
+@pytest.mark.parametrize("method", ["dormand_prince", "dop853", "taylor", "radau_iia"])
 @pytest.mark.parametrize("name", ["three", "tank"])
 def test_lanes_have_the_same_bits(name: str, method: str) -> None:
     """Assert that runs side by side are those alone, to the bit."""
     case, count = resting(name), 40
-    if name == "tank" and method == "dprkn6":
-        return
     settings = settings_for(case.model, method=method, rtol=1e-8, until=case.until)
     given = {"parameters": {"k": np.linspace(0.1, 8.0, count)}}
     alone, abreast = (march_many(case.model, settings, lanes=lanes, **given) for lanes in (1, 4))
-    assert abreast.ends.tobytes() == alone.ends.tobytes()
-    assert abreast.lasts.tobytes() == alone.lasts.tobytes()
+    for result in ("time", "state", "status", "rows", "trials", "evaluations", "largest", "ends"):
+        assert getattr(abreast, result).tobytes() == getattr(alone, result).tobytes(), result
+    assert abreast.kept.log.rows.tobytes() == alone.kept.log.rows.tobytes()
     assert alone.ends["rows"].max() < 20
 
 
@@ -127,28 +130,17 @@ def test_elements_of_loops_rest(method: str) -> None:
     assert run.sizes["step"] < 30
 
 
-def test_sizes_are_those_of_plain_python() -> None:
-    """Assert that compiled sizes of terms are the sums of the terms' sizes over the mass, by hand."""
-    case = resting("corner")
-    run: Any = marched(case, "dop853")
-    m, k, slant, t = (case.model.parameters[name].quantity.si for name in ("m", "k", "slant", "m"))
-    assert run is not None
-    assert m > 0.0 and k > 0.0 and slant > 0.0 and t > 0.0
-
-
-@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10])
 @pytest.mark.parametrize("method", ["dormand_prince", "dop853", "taylor", "radau_iia"])
 def test_nothing_loosens_where_motion_is_real(method: str, rtol: float) -> None:
-    """Assert the bits of the former rule where forces cancel in part: a sum of pulls a thousandth of each of them."""
+    """Assert the bits of the former rule where of pulls that cancel a thousandth is left."""
     model = xd.Model(
         name="pulled",
         coordinates={"x": {"unit": "m"}},
         parameters={"m": "1 kg", "F": "1000 N", "k": "1 N m-1"},
         mass={"x": "m"},
-        forces={"pulls": {"x": "F - F*cos(0.001*radian) - k*x"}},
+        forces={"pulls": {"x": "F - 0.999*F - k*x"}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
     )
-    run, former = (
-        xd.simulate(model, method=method, rtol=rtol, until=10.0, atol_floor=rule) for rule in ATOL_FLOORS
-    )
+    run, former = (xd.simulate(model, method=method, rtol=rtol, until=10.0, atol_floor=rule) for rule in ATOL_FLOORS)
     assert (run.sizes["step"], run.x.values.tobytes()) == (former.sizes["step"], former.x.values.tobytes())

@@ -87,7 +87,9 @@ _WEIGHED = """
 norm_weighed = where(doubtful_now > 0, weighed_now, unweighed)
 lowered = doubtful_now*where(norm_weighed < unweighed, 2, 0)
 """
-_DOUBTED = "weighs = where(moves + turns_back > 0, where(unweighed > 0, lowered, weighs), weighs)"
+_DOUBTED = f"""
+weighs = where(moves + turns_back > 0, where(lowered > 0, 2, where(judged > {step_control.SMALL}, 0, where(width >= max_step, 0, weighs))), weighs)
+"""
 _MOVE = """
 t = where(moves > 0, reach, t)
 h = where(moves > 0, width, h)

@@ -328,9 +328,7 @@ class Law:
         names = [entry.name for entry in self.entries if entry not in without]
         return machine.compiled(self.text(lanes, without), names, self._functions)
 
-    def striding(
-        self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = (), weighs: bool = False
-    ) -> int:
+    def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = (), weighs: bool = False) -> int:
         """Return the address of one ordinary step in that many lanes, compiled; see `lane_step.stride`."""
         with _LOCK:
             form = lanes, adaptive, followers, weighs

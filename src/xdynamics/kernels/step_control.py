@@ -32,6 +32,7 @@ NORM = f"{RATIO}\nnorm = max(norm, ratio)"
 # steps would enlarge, and has no part in the next step either
 _TERMS = "where(terms - terms == 0, terms, 0)"
 LEAST_OF_RATE, LEAST_OF_COORDINATE = f"least = rounding*width*{_TERMS}", f"least = rounding*width*width*{_TERMS}"
+SMALL = 0.1  # a norm up to which steps grow well
 TINY = 1e-6  # of `rest`: a first step that rounding may have shortened
 FLOORED_RATIO = """
 scale = allowed + rtol*max(abs(before), abs(after))

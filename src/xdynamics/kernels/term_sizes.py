@@ -45,7 +45,9 @@ def term_sizes(layout: Layout) -> Program:
     writing = _Sizes(evaluation, range(first, first + layout.accelerations.size + layout.rates.size))
     about = "Sizes of the terms that accelerations and rates are sums of."
     local = {name: 2 * length for name, length in evaluation.local.items()}
-    return replace(evaluation, name=TERM_SIZES, about=about, body=writing.lines(evaluation.body), local=local, sound=None)
+    return replace(
+        evaluation, name=TERM_SIZES, about=about, body=writing.lines(evaluation.body), local=local, sound=None
+    )
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,7 @@ def first_step_rule(method: Method) -> str:
 _allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
 _of_rate = function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
 _of_coordinate = function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
-_floored_norm = function_of(
-    step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm"
-)
+_floored_norm = function_of(step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm")
 _norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
 _exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
 _proportional = function_of(
