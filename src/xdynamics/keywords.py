@@ -94,6 +94,7 @@ KEYWORDS = {
         Keyword("nodes", MARCH, TIMES, "times to land on, besides the breakpoints of measured drives", "none", "", "", "solver_nodes", "--node", "TIME"),
         Keyword("rtol", CONTROL, NUMBER, "relative tolerance: steps are chosen by the error test", "1e-6 for a method with an error estimate and no step", "1e-8"),
         Keyword("atol", CONTROL, TOLERANCES, "absolute tolerance: 1e-9 is in every variable's own unit, y='1 um' for one", "rtol times the variable's largest value so far", '{ x = "1 um" }', 'number in every variable\'s unit, or table { y = "1 um" }', "", "", "[NAME=]VALUE"),
+        Keyword("atol_floor", CONTROL, WORD, "least of what follows where no atol is given; 'none' as archives have it that do not say so", "terms that cancel", "", '"terms that cancel" | "none"'),
         Keyword("order", CONTROL, WHOLE, "order of the method taylor", "from rtol: ceil(1 - ln(rtol)/2); 8 for given steps", "8", "whole number from 2 to 60"),
         Keyword("estimator", CONTROL, WORD, "where local errors are estimated from", "embedded where there is one", '"embedded"', '"embedded" | "step_doubling" | "step_doubling_extrapolated" | "none"', "solver_estimator"),
         Keyword("safety", CONTROL, NUMBER, "factor below 1 on the step that the error estimate would allow", "0.9", "0.8", "number below 1", "solver_safety"),

@@ -121,6 +121,7 @@ ATOL_RULE, ATOL_FOLLOWS = (
     "atol_rule",
     "follows the size of the variable so far, see solver_atol_rule; this is its last value",
 )
+ATOL_FLOOR_RULE = "atol_floor_rule"  # of a run: what such tolerances are never less than; absent in older archives
 # the effect of given absolute tolerances along a run, or why it was not examined; absent if none is given
 ATOL_EFFECT = "run_atol_effect"
 AT_REST = "initial_velocities_not_given"  # names of velocities that were not given, and are 0

@@ -38,9 +38,12 @@ it. Machine code is kept in ~/.cache/xdynamics, or in $XDYNAMICS_CACHE.
 MARCHING_PAGE = """\
 Steps  Fixed (--step), or chosen so that every component's estimated error stays below atol +
   rtol*|value| (--rtol, --atol). The estimate is that of an embedded formula, or by step doubling
-  for any method. Without an atol it is rtol times the variable's largest value so far. Rejected
-  trials are rows with their reason. What speaks against a run is said in its outcome: uncontrolled
-  variables, steps beyond the stability limit, stiffness, a nearly singular mass.
+  for any method. Without an atol it is rtol times the variable's largest value so far, and never
+  less than what rounding of terms that cancel makes of a step, the forces of contacts, friction and
+  constraints among them, so that what rests ends no run (atol_floor_rule; atol_floor = none for an
+  older archive). Rejected trials are rows with their reason. What speaks against a run is said in
+  its outcome: uncontrolled variables, steps beyond the stability limit, stiffness, a nearly
+  singular mass.
 Events  An event may record, stop, set the state anew, or switch to another regime, in which other
   forces act. Every zero of an event function within a step is found, not its change of sign from
   end to end: the step is cut until intervals of the function and its slope, rounded outward, tell

@@ -11,13 +11,14 @@ from xdynamics.methods.steppers import SERIES, SIMPLIFIED
 # Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
 # run goes on; `done` counts accepted and rejected trials, `most` is their limit; h and norm are those of the last
 # accepted step, tried is the norm of the last trial; `inner` is 1 where the next node is not the end, `landed` where
-# the last step ended at such a node. After them: absolute tolerances, largest values, the error of that step; for each event
+# the last step ended at such a node; `doubtful` is 1 where a trial is weighed again by the sizes of terms, `weighed`
+# its norm then. After them: absolute tolerances, largest values, the error of that step; for each event
 # function the side of zero on which it has to stay (2: either, 0: unknown), and for a gap how large it was; what
 # `collocation` keeps; for each switch declared smooth its side, how often it was passed, and when first.
 Lane = namedtuple(
     "Lane",
     "t h norm tried step step_log rejected grid on_grid done accepted most lives node snap inner landed start step_size"
-    " rtol floor rest k safety least greatest min_step max_step end first_step ordinary",
+    " rtol floor rest rounding weighs doubtful weighed k safety least greatest min_step max_step end first_step ordinary",
 )
 LANE, PLACES = Lane._fields, Lane(*range(len(Lane._fields)))
 

@@ -13,6 +13,7 @@ from xdynamics.kernels.lane_numbers import LANE, has_series, is_solved, of_collo
 from xdynamics.kernels.lane_writing import LaneWriter
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
+    AT,
     UNSOUND,
     Operand,
     Place,
@@ -29,10 +30,10 @@ from xdynamics.kernels.radau_memory import RadauMemory
 from xdynamics.kernels.radau_systems import FACTORISE
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
+from xdynamics.kernels.term_sizes import TERM_SIZES
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
-STRIDE, DERIVED = "stride", "derived"
-SCALED_RATIO = f"{step_control.ALLOWED}\n{step_control.RATIO}"  # where tolerances follow their variables
+STRIDE, DERIVED, WEIGH = "stride", "derived", "weigh"
 
 _AIM_FREELY = """
 rest_of = node - t
@@ -75,8 +76,20 @@ _FORESEE = """
 foreseen = where(rejected > 0, step, min(min(factor*doubling, max_step), remaining))
 fits = where(rejected > 0, 0, where(foreseen > max(min_step, max(1e-14*abs(t), 1e-300)), 1, 0))
 """
+# a step that the rounding of terms may have shortened is lengthened by the single march
+_FORESEE_WEIGHED = """
+usual = where(h > 0, where(foreseen < least*h, 0, 1), where(foreseen < tiny*rest, 0, 1))
+fits = fits*usual*where(weighs > 1, 0, 1)
+"""
 _CONTROL = f"logarithm = log(norm)\n{step_control.EXPONENT}\npower = exp(exponent)\n{step_control.PROPORTIONAL}"
 _PREDICT = step_control.PREDICTIVE + step_control.PREDICTED
+_WEIGHED = """
+norm_weighed = where(doubtful_now > 0, weighed_now, unweighed)
+lowered = doubtful_now*where(norm_weighed < unweighed, 2, 0)
+"""
+_DOUBTED = f"""
+weighs = where(moves + turns_back > 0, where(lowered > 0, 2, where(judged > {step_control.SMALL}, 0, where(width >= max_step, 0, weighs))), weighs)
+"""
 _MOVE = """
 t = where(moves > 0, reach, t)
 h = where(moves > 0, width, h)
@@ -120,12 +133,22 @@ new_side = where(moves > 0, new_side, side)
 """
 
 
-def stride(layout: Layout, steps: Steps, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
+def stride(
+    layout: Layout,
+    steps: Steps,
+    *,
+    adaptive: bool,
+    followers: tuple[bool, ...] = (),
+    sizes: Program | None = None,
+) -> tuple[Program, ...]:
     """Write the step, after the programs that it calls, those of the method among them; one gives the finite numbers of a row besides the state.
 
-    `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty.
+    `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty. `sizes` is the
+    program of the sizes of terms, if these tolerances have a floor from them.
     """
     write, solves, foresees = _StepWriter(layout, followers, steps.memory), is_solved(layout), has_series(layout)
+    write.weighs = sizes is not None and layout.estimates
+    weighing = () if sizes is None else (sizes, _StepWriter(layout, followers, steps.memory).weighed())
     if foresees:
         write.expand(adaptive=adaptive)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
@@ -149,13 +172,16 @@ def stride(layout: Layout, steps: Steps, *, adaptive: bool, followers: tuple[boo
     write.smooth()
     write.move(adaptive=adaptive)
     pace = (_PACE_FORESEEN if foresees else _PACE) if adaptive else ""
-    write.keep(_MOVE + (_JUDGED if layout.estimates else "") + pace + (_SOLVED if solves else ""))
+    judged = (_JUDGED if layout.estimates else "") + (_DOUBTED if write.weighs else "")
+    write.keep(_MOVE + judged + pace + (_SOLVED if solves else ""))
     own = Program(STRIDE, "One step in every lane.", tuple(write.body))
-    return (*inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
+    return (*weighing, *inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
 
 class _StepWriter(LaneWriter):
     """Writes the parts of a step."""
+
+    weighs = False  # whether a trial that fails is weighed again
 
     def expand(self, *, adaptive: bool) -> None:
         """Write the Taylor coefficients at the state; if steps are chosen, choose this one: `march.series.foresee`."""
@@ -178,7 +204,7 @@ class _StepWriter(LaneWriter):
             self.known[f"log2_{name}"] = self.known["log2"]
         self.lines(step_control.FORESEEN, per_before=1.0 / (order - 1), per_last=1.0 / order)
         self.compute("doubling", "binary_power", "whole")
-        self.lines(_FORESEE)
+        self.lines(_FORESEE + (_FORESEE_WEIGHED if self.weighs else ""), tiny=step_control.TINY)
         self.known["step"] = self.known["foreseen"]
 
     def propose(self, programs: tuple[Program, ...]) -> tuple[Program, ...]:
@@ -220,14 +246,44 @@ class _StepWriter(LaneWriter):
 
     def error_norm(self) -> Operand:
         """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
+        norm = self._largest_ratio(floored=False)
+        if not self.weighs:
+            return norm
+        self.known["unweighed"] = norm
+        self.keep("doubtful = ready*where(unweighed > 1, 1, where(weighs > 0, 1, 0))")
+        self.store("at", {"t": "reach"})
+        self.body.append(When(self.places["doubtful"], ProgramCall(WEIGH, "at", "y", "z")))
+        for name in ("doubtful", "weighed"):
+            self._parts += 1
+            self.load(f"{name}{self._parts}", self.places[name])
+            self.known[f"{name}_now"] = f"{name}{self._parts}"
+        self.lines(_WEIGHED)
+        return self.known["norm_weighed"]
+
+    def weighed(self) -> Program:
+        """Write the program that weighs a trial by the sizes of terms, too."""
+        self.body.append(ProgramCall(TERM_SIZES, "at", "z", "terms"))
+        self.load("width", Place("at", AT.index("h")))
+        self.body.append(StoreTo(self.places["weighed"], self._largest_ratio(floored=True)))
+        about = "The norm of the error, where rounding of the terms of forces is allowed."
+        return Program(WEIGH, about, tuple(self.body), local={"terms": self.layout.record.size})
+
+    def _largest_ratio(self, *, floored: bool) -> Operand:
+        """Find the largest ratio of an error to its scale: `march.control.largest_ratio`."""
         norm: Operand = 0.0
         tops = self.tops(Place("z")) if any(self.followers) else {}
+        n = self.layout.coordinates.size
         for begin, end, kind, follows in self.pieces():
             places = {name: element(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
             places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
             places["slope"] = element("z", self.slope(begin))
-            text = SCALED_RATIO if follows else step_control.RATIO
-            norm = self.greatest([norm], end - begin, text, places, ["ratio"], top=tops.get(kind, 0.0))[0]
+            text = [step_control.ALLOWED] * follows
+            if follows and floored:
+                text.append(step_control.LEAST_OF_COORDINATE if begin < n else step_control.LEAST_OF_RATE)
+                places["terms"] = element("terms", self.slope(begin + n if begin < n else begin))
+            text.append(step_control.FLOORED_RATIO if follows and floored else step_control.RATIO)
+            top = tops.get(kind, 0.0)
+            norm = self.greatest([norm], end - begin, "\n".join(text), places, ["ratio"], top=top)[0]
         return norm
 
     def _settle(self, first: int) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
-from xdynamics.kernels import law_cache, law_names, machine, model_programs, step_programs
+from xdynamics.kernels import cache, law_cache, law_names, machine, model_programs, step_programs
 from xdynamics.kernels.coalescing import coalesced
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
 from xdynamics.kernels.constraint_programs import constraining
@@ -32,6 +32,7 @@ from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.shared_storage import with_shared_storage
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import curve_size
+from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model.motion import constant_names
 from xdynamics.runtime.cached_properties import cached_property
@@ -215,6 +216,35 @@ class Law:
             return self._addresses
 
     @property
+    def sizing(self) -> int:
+        """Address of the compiled program of the sizes of terms, or its key: only step control asks for it."""
+        with _LOCK:
+            return self._sizing
+
+    @cached_property
+    def _sizing(self) -> int:
+        if PLAINLY:
+            return int(keys_of([self._scope(python_of(self.term_sizes))[TERM_SIZES]])[0])
+        return self._sized.addresses[TERM_SIZES]
+
+    @cached_property
+    def _sized(self) -> machine.Code:
+        """Code of that program, kept as the others are."""
+        if not self._can_be_kept:
+            return machine.compiled(self._text([self.term_sizes]), [TERM_SIZES], self._functions)
+        name = f"sizes-{cache.digest(self._key, TERM_SIZES)}.o"
+        code = cache.read(name)
+        if code is None:
+            code = machine.built(self._text([self.term_sizes]))
+            cache.write(name, code)
+        return machine.Code(code, [TERM_SIZES])
+
+    @cached_property
+    def term_sizes(self) -> Program:
+        """The program of the sizes of terms."""
+        return term_sizes(self.layout)
+
+    @property
     def addresses_inside(self) -> NDArray[np.int64]:
         """The same with the address of the program for times inside a step, which no march needs."""
         with _LOCK:
@@ -239,27 +269,37 @@ class Law:
     @cached_property
     def plain(self) -> NDArray[np.int64]:
         """Keys of the programs in `UNCOMPILED`, as Python functions."""
-        functions = {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
+        scope = self._scope("\n\n".join(map(python_of, self._run_programs)) if self.unread else self.source)
+        control = (SETS[self.scheme.math_functions][name] for name in CONTROL)
+        return np.array(keys_of([*control, *(scope[entry.name] for entry in self.entries)]), np.int64)
+
+    def _scope(self, source: str) -> dict[str, Any]:
+        """Return the Python functions of a printed law."""
         scope: dict[str, Any] = (
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
-            | functions
+            | self._functions
             | {
                 "_empty": np.empty,
                 "_entered": _entered,
                 "_zero": np.float64(0.0),
             }
         )
-        source = "\n\n".join(map(python_of, self._run_programs)) if self.unread else self.source
         exec(compile(source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
-        control = (SETS[self.scheme.math_functions][name] for name in CONTROL)
-        return np.array(keys_of([*control, *(scope[entry.name] for entry in self.entries)]), np.int64)
+        return scope
+
+    @property
+    def _functions(self) -> dict[str, Any]:
+        """The model's functions in Python, by the names that programs call them by."""
+        return {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
 
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, without some of the programs."""
+        return self._text(self.thin_programs(without), lanes)
+
+    def _text(self, programs: Sequence[Program], lanes: int = 1) -> str:
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
         abreast = machine.vector_lanes() // 2 if self._is_thinned else 1
-        programs = self.thin_programs(without)
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
 
     @property
@@ -285,25 +325,25 @@ class Law:
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""
-        functions = {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
         names = [entry.name for entry in self.entries if entry not in without]
-        return machine.compiled(self.text(lanes, without), names, functions)
+        return machine.compiled(self.text(lanes, without), names, self._functions)
 
-    def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> int:
+    def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = (), weighs: bool = False) -> int:
         """Return the address of one ordinary step in that many lanes, compiled; see `lane_step.stride`."""
         with _LOCK:
-            form = lanes, adaptive, followers
+            form = lanes, adaptive, followers, weighs
             if form not in self._strides:
                 self._strides[form] = self._striding(*form)
             return self._strides[form].addresses[STRIDE]
 
     @cached_property
-    def _strides(self) -> dict[tuple[int, bool, tuple[bool, ...]], machine.Code]:
+    def _strides(self) -> dict[tuple[int, bool, tuple[bool, ...], bool], machine.Code]:
         """Code of those addresses: it lives as long as the law, which users of the addresses hold."""
         return {}
 
-    def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
-        step = stride(self.layout, self.steps, adaptive=adaptive, followers=followers)
+    def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...], weighs: bool) -> machine.Code:  # noqa: FBT001
+        sizes = self.term_sizes if weighs else None
+        step = stride(self.layout, self.steps, adaptive=adaptive, followers=followers, sizes=sizes)
         programs = (self.entries[0], *self.constraining, *step)
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])

@@ -27,6 +27,19 @@ ALLOWED = "allowed = max(atol, floor*top, where(atol == 0, rtol*rest*abs(slope),
 # The largest ratio of an error to its scale; a component that stays zero has no error, whatever its scale
 RATIO = "ratio = where(error != 0, abs(error)/(allowed + rtol*max(abs(before), abs(after))), 0)"
 NORM = f"{RATIO}\nnorm = max(norm, ratio)"
+# What rounding of the terms of forces makes of a step: a share of their size along it, and of a coordinate, whose velocity
+# has that error, along it again. Where that is more than the scale, an error within it is none of the method, which longer
+# steps would enlarge, and has no part in the next step either
+_TERMS = "where(terms - terms == 0, terms, 0)"
+LEAST_OF_RATE, LEAST_OF_COORDINATE = f"least = rounding*width*{_TERMS}", f"least = rounding*width*width*{_TERMS}"
+SMALL = 0.1  # a norm up to which steps grow well
+TINY = 1e-6  # of `rest`: a first step that rounding may have shortened
+FLOORED_RATIO = """
+scale = allowed + rtol*max(abs(before), abs(after))
+beyond = where(abs(error) <= least, 0, abs(error)/least)
+ratio = where(error != 0, where(least > scale, beyond, abs(error)/scale), 0)
+"""
+FLOORED_NORM = f"{FLOORED_RATIO}norm = max(norm, ratio)"
 
 EXPONENT = """
 beta = 0.2/k

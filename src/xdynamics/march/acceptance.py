@@ -7,6 +7,7 @@ from math import nan
 import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.step_control import SMALL
 from xdynamics.march.control import accepts, error_norm
 from xdynamics.march.outcomes import COMPLETED, EVENT_AT_ZERO, SOUND
 from xdynamics.march.past import pass_breaks
@@ -30,7 +31,18 @@ def judge(run: Run) -> int:
     if trial.unsound_events != 0.0:
         return REASON_EVENT_FUNCTION
     now.norm = error_norm(run) if run.plan[0].estimates else 0.0
+    if run.plan[0].rounding > 0.0:
+        run.kept[0].weighs = weighs_next(run)
     return REASON_ERROR if run.plan[0].adaptive and not accepts(now.norm) else SOUND
+
+
+@compiled
+def weighs_next(run: Run) -> int:
+    """Return whether the next trial is weighed by its terms: after one that was, or while errors are small and steps grow."""
+    norm, trial = run.now[0].norm, run.trial[0]
+    if trial.weighed > 0:
+        return 2
+    return 0 if norm > SMALL or trial.h >= run.plan[0].max_step else int(run.kept[0].weighs)
 
 
 @shared

@@ -16,7 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, meant, number
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED
 from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
-from xdynamics.march.tolerances import Tolerances, least_rtol
+from xdynamics.march.tolerances import OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, EMBEDDED, FLOAT64, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.steppers import DIFFERENCES, EXACT
@@ -104,6 +104,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         "order" in read,
         read.get("precision", FLOAT64),
         read.get("event_start", JUDGED),
+        read.get("atol_floor", OF_TERMS),
     )
     settings.check(model)
     return settings

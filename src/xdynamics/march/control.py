@@ -15,7 +15,7 @@ from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
 from xdynamics.kernels.step_control import CONSTANTS, LEAST_LOGARITHM
 from xdynamics.march.calls import applied, called
-from xdynamics.march.force_evaluation import slope_of
+from xdynamics.march.force_evaluation import find_term_sizes, slope_of
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 from xdynamics.march.tolerance_sizes import tops_of
@@ -40,6 +40,9 @@ def first_step_rule(method: Method) -> str:
 
 # the lines as functions of numbers
 _allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
+_of_rate = function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
+_of_coordinate = function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
+_floored_norm = function_of(step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm")
 _norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
 _exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
 _proportional = function_of(
@@ -66,13 +69,45 @@ def allowed_of(run: Run, state: State, i: int) -> float:
 
 @compiled
 def error_norm(run: Run) -> float:
-    """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1."""
-    plan, norm = run.plan[0], 0.0
+    """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1.
+
+    Of a trial that fails, errors may be the rounding of forces that cancel: it is weighed again, with a floor from these;
+    and so are those after it, whose steps would not grow by such errors, until one has none.
+    """
+    plan, trial = run.plan[0], run.trial[0]
+    trial.weighed = 0
     if plan.follows:
         tops_of(run, run.z)
-    for i in range(plan.used):
-        norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed_of(run, run.z, i), plan.rtol)
+    norm = largest_ratio(run, 0.0)
+    if plan.rounding > 0.0 and (norm > 1.0 or run.kept[0].weighs > 0):
+        find_term_sizes(run, trial.t, run.z)
+        lower = largest_ratio(run, trial.h)
+        trial.weighed = int(lower < norm)
+        return lower
     return norm
+
+
+@shared
+def largest_ratio(run: Run, width: float) -> float:
+    """Return the largest ratio of the trial's errors to their scales, with a floor from terms over a step, or none (0)."""
+    plan, norm = run.plan[0], 0.0
+    for i in range(plan.used):
+        allowed = allowed_of(run, run.z, i)
+        if width > 0.0 and run.followers[i]:
+            least = rounding_of(run, i, width)
+            norm = _floored_norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol, least)
+        else:
+            norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol)
+    return norm
+
+
+@compiled
+def rounding_of(run: Run, i: int, width: float) -> float:
+    """Return what rounding of its terms, whose sizes were found, makes of a variable in a step."""
+    n, rounding = run.plan[0].coordinates, run.plan[0].rounding
+    if i < n:
+        return float(_of_coordinate(rounding, width, slope_of(run, run.probe, n + i)))
+    return float(_of_rate(rounding, width, slope_of(run, run.probe, i)))
 
 
 @compiled

@@ -44,6 +44,15 @@ def settle_constraints(run: Run, t: float, state: State, h: float) -> None:
 
 
 @shared
+def find_term_sizes(run: Run, t: float, state: State) -> None:
+    """Find the sizes of the terms of accelerations and rates at a state; they are stored in `probe`, where these would be."""
+    time = run.at[T]
+    run.at[T] = t
+    called(run.law[run.law.shape[0] - 2], run, state, run.probe, 0)
+    run.at[T] = time
+
+
+@shared
 def finite_state(run: Run) -> bool:
     """Whether every number of the trial's state is finite."""
     finite = True

@@ -41,6 +41,7 @@ from xdynamics.march.run import (
 from xdynamics.march.search_arrays import watching
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
+from xdynamics.march.tolerances import OF_TERMS
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, EXTRAPOLATED, UNIT_OF
 from xdynamics.methods.steppers import DIFFERENCES, NOTHING
 from xdynamics.model import Function, Model
@@ -106,7 +107,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         w=aligned_zeros(law.memory * (1 + law.layout.is_doubled) + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
-        law=np.append(addresses, solver.address()),
+        law=np.append(addresses, [law.sizing if plan["rounding"][0] > 0.0 else 0, solver.address()]),
         **log.named(),
     )
     run.holds = tuple(patterns)
@@ -189,6 +190,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "rtol": scheme.inner(tolerances.rtol) if tolerances else 0.0,
         "floor": floor_of(scheme.inner(tolerances.rtol), UNIT_OF[scheme.precision]) if tolerances else 0.0,
         "rest": 0.0,  # known with the nodes
+        "rounding": ROUNDED * UNIT_OF[scheme.precision] if _weighs(settings, layout) else 0.0,
         "order": scheme.error_order,
         "safety": pacing.safety,
         "least": pacing.growth_limits[0],
@@ -225,6 +227,13 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def _weighs(settings: Settings, layout: Layout) -> bool:
+    """Whether tolerances follow, and are at least a share of the terms that cancel."""
+    tolerances = settings.tolerances
+    follows = tolerances is not None and bool(np.isnan(tolerances.of_all(layout.used)).any())
+    return follows and settings.atol_floor == OF_TERMS
 
 
 def _of_contacts(model: Model, law: Law) -> dict[str, int]:

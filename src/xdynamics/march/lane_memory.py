@@ -34,6 +34,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
     w[L.landed, lane] = 0.0
     w[L.start, lane], w[L.step_size, lane], w[L.rtol, lane] = plan.start, plan.step_size, plan.rtol
     w[L.floor, lane], w[L.rest, lane] = plan.floor, plan.rest
+    w[L.rounding, lane], w[L.weighs, lane] = plan.rounding, float(run.kept[0].weighs)
     w[L.k, lane], w[L.safety, lane] = plan.order, plan.safety
     w[L.least, lane], w[L.greatest, lane] = plan.least, plan.greatest
     w[L.min_step, lane], w[L.max_step, lane], w[L.end, lane] = plan.min_step, plan.max_step, plan.end
@@ -99,6 +100,7 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     rejected = np.int64(w[L.done, lane]) - now.rows - now.trials - accepted
     now.t, now.h, now.norm = w[L.t, lane], w[L.h, lane], w[L.norm, lane]
     now.step, now.step_log, now.rejected = w[L.step, lane], w[L.step_log, lane], np.int64(w[L.rejected, lane])
+    run.kept[0].weighs = np.int64(w[L.weighs, lane])
     now.first_step = w[L.first_step, lane]
     now.grid, now.on_grid = np.int64(w[L.grid, lane]), np.int64(w[L.on_grid, lane])
     now.rows += accepted

@@ -233,6 +233,7 @@ def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: i
         return
     now.crossed = now.node
     begin_anew(run, w, lane)
+    w[L.weighs, lane] = 1.0
     for i in range(run.y.shape[0]):
         y[i, lane] = run.z[i]
     for k in range(run.of_time.shape[0]):

@@ -157,7 +157,7 @@ def start(run: Run) -> None:
     """Evaluate and log the initial state; choose the first step."""
     now, plan = run.now[0], run.plan[0]
     run.at[REGIME] = now.regime  # until an event changes it
-    run.kept[0].since = BEGUN
+    run.kept[0].since, run.kept[0].weighs = BEGUN, 1
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     begin_past(run)
     tick_at_start(run)
@@ -334,7 +334,7 @@ def cross_node(run: Run) -> None:
     now = run.now[0]
     now.crossed = now.node
     end_region(run)
-    run.kept[0].since = BEGUN
+    run.kept[0].since, run.kept[0].weighs = BEGUN, 1
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     if run.delays.shape[0] > 0:
         run.book[0].crossing = 0

@@ -62,6 +62,7 @@ from xdynamics.units.digits import MOST, digits, known_part
 
 _SMOOTHER = "write dry friction as [frictions], or a smooth force"
 FEWEST = 6  # digits of the time at which a run failed
+CANCELLED = 1e-9  # of the sizes of terms: what is left of them may be rounding
 AT_END = 1e-12  # of the width of a table: how near to its end a march stands that cannot leave it
 
 
@@ -285,11 +286,28 @@ def _cause(march: March) -> str:
         case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
             return (
                 f"the error test fails, with norm {norm:.3g}, most of all in {of_error(march)}, at the shortest step"
-                " that t resolves; the solution has a singularity here, or t is too large for its time scale"
+                f" that t resolves; {_unresolved(march)}"
             )
         case status if status == STEP_TOO_SMALL:
             return "t + h is t in double precision; take a longer step or an earlier t"
     return ""
+
+
+def _unresolved(march: March) -> str:
+    """Say why an error is too large at the shortest step: a singularity is one cause, the rounding of terms another."""
+    run, plan, name = march.run, march.run.plan[0], of_error(march)
+    i, n = march.layout.used.index(name), march.layout.coordinates.size
+    singular = "the solution has a singularity here, or t is too large for its time scale"
+    remedy = f"give {name} an atol"
+    if not run.followers[i]:
+        return singular
+    if plan.rounding == 0.0:
+        return f"{singular}, or forces that cancel hold {name}, whose rounding alone moves it: {remedy}"
+    place = march.layout.used.size + (i if i < n else i - n)  # of its rate, or of a coordinate its acceleration
+    rate, terms = abs(float(run.z[place])), float(run.probe[place])
+    if rate <= CANCELLED * terms:
+        return f"what is left of the forces that cancel there, {rate / terms:.1g} of their sizes, is rounding: {remedy}"
+    return singular
 
 
 def _unmet(march: March) -> str:

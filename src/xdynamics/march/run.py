@@ -31,7 +31,8 @@ from xdynamics.march.past_records import BOOK, DELAY
 
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
-# largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `apart` is 1 where events
+# largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `rounding` is the share of
+# terms that cancel which is allowed to errors at least, 0 for none; `apart` is 1 where events
 # are located one by one, as in version 0.2; `assemblies` counts contacts of many links, of which at most `together` are
 # struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what they do after one;
 # `margin` is added to the rounding by which an interval is widened; `order` is k of an error that falls as h**k;
@@ -44,7 +45,7 @@ from xdynamics.march.past_records import BOOK, DELAY
 # are landed on without a row of events each.
 PLAN = row_of(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
-    " divisor margin start_rest step_rest",
+    " divisor margin start_rest step_rest rounding",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies links together"
     " degree curve polynomial series doubled held moved consistent passing",
@@ -57,8 +58,8 @@ NOW = row_of(
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
 # where its state is finite, and `unsound_events` where its event functions are, else nan; `deviation` is how far from 1
-# the length of a quaternion was, see `attitudes`.
-TRIAL = row_of("t h unsound unsound_events rest deviation", "landing iterations")
+# the length of a quaternion was, see `attitudes`; `weighed` is 1 where some of its errors were the rounding of terms.
+TRIAL = row_of("t h unsound unsound_events rest deviation", "landing iterations weighed")
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
@@ -96,12 +97,13 @@ PIECE = row_of("start end width wide full first last", "cut rough part verdict s
 # What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number; the
 # rest as in `newton_matrix.NewtonSystem`.
 EQUATIONS = row_of("", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives")
-# What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are
+# What is kept from step to step, and forgotten at a node. `weighs` is above 0 where errors may be the rounding of terms, 2
+# where they were so in the last trial; the rest is of `march.implicit.radau`. The factors belong to the step size `factored`, 0 if there are
 # none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
 # after a start, those of the previous accepted step; `growth` is the factor for the next step, 0 where step control
 # chooses it. `linearised` is whether the derivatives may be used, `fresh` whether they are those at the state itself,
 # `since` what the march did since the last trial.
-KEPT = row_of("factored change ratio theta eta step norm growth", "linearised fresh since turns")
+KEPT = row_of("factored change ratio theta eta step norm growth", "linearised fresh since turns weighs")
 BEGUN, STAYED, MOVED = range(3)
 # The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how
 # low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.
@@ -330,7 +332,7 @@ class Run:
     kinds: Given[Short]  # kind of each variable; coordinates, velocities, states of one dimension share one
     tops: Scratch[Floats]  # the largest of each kind, then of their slopes, then a time scale
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
-    probe: Scratch[Floats]  # a state at which forces are evaluated only for scales
+    probe: Scratch[Floats]  # a state at which forces are evaluated only for scales, or the sizes of their terms
     turning: Scratch[Floats]  # slopes and directions for that; see `tolerance_sizes`
     nodes: Given[Floats]  # times to land on between start and end
     node_rests: Given[Floats]  # what is left of each, and of the end, beside the float, where numbers are sums of two
@@ -353,7 +355,8 @@ class Run:
     turned: Passing[Floats]  # W: the same in transformed variables
     past: Passing[Floats]  # differences of the previous step's collocation polynomial
     pivots: Passing[Places]  # of the real system, then the complex one: rows exchanged, first and last rows of columns
-    law: Address[Whole]  # addresses; the last is that of what solves the equations of a step, 0 where nothing is solved
+    # addresses; the last are that of the sizes of terms, 0 where nothing weighs them, and that of what solves the equations
+    law: Address[Whole]  # of a step, 0 where nothing is solved
     functions: Address[Whole]  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
     base: Log[Bases]  # the counts of `now` at the log's first row
     log_flags: Log[Flags]  # kind, regime

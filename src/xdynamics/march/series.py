@@ -12,14 +12,15 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.law import EXPAND, PROPOSE
 from xdynamics.kernels.program import T
-from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, LOG2, TERM, TIME_OF, WEIGHT, WITHOUT_UNIT
+from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, LOG2, TERM, TIME_OF, TINY, WEIGHT, WITHOUT_UNIT
 from xdynamics.march.calls import called
-from xdynamics.march.control import allowed_of, shortest
-from xdynamics.march.force_evaluation import slope_of
+from xdynamics.march.control import allowed_of, rounding_of, shortest
+from xdynamics.march.force_evaluation import find_term_sizes, slope_of
 from xdynamics.march.run import STAYED, Run
 from xdynamics.march.tolerance_sizes import tops_of
 
 State = NDArray[Any]
+LONGER = 4  # times that a step is foreseen again
 
 _weight = function_of(WEIGHT, "allowed rtol value", "weight")
 _ratio = function_of(TERM.format("any"), "term_any weight", "norm_any")
@@ -57,17 +58,27 @@ def foresee(run: Run) -> None:
     # what the state and its slopes suffice for comes first, so that it is done while the series is
     if plan.follows:
         tops_of(run, run.y)
-    size, slope = norms_at_start(run)
-    remaining, order = plan.end - now.t, plan.series
-    time = _time_of(size, slope, remaining)
-    lower = power(time, (order - 1) // 2)
-    higher = lower * time
-    half, rest_last = (lower, higher) if order % 2 == 1 else (higher, higher)
+    size, slope = norms_at_start(run, 0.0)
+    time = _time_of(size, slope, plan.end - now.t)
+    lower = power(time, (plan.series - 1) // 2)
     run.at[T] = now.t
     called(run.law[EXPAND], run, run.y, run.z, 0)
     kept.since = STAYED
     if now.rows == 1 and plan.first_step > 0.0:
         return
+    now.step = foreseen_step(run, size, time, lower)
+    if plan.rounding > 0.0 and may_be_rounding(run):
+        lengthen(run)
+    if now.rows == 1:
+        now.first_step = now.step
+
+
+@compiled
+def foreseen_step(run: Run, size: float, time: float, lower: float) -> float:
+    """Return the step by the last two coefficients, from the size of the state, a time, and a power of it."""
+    plan, order, remaining = run.plan[0], run.plan[0].series, run.plan[0].end - run.now[0].t
+    higher = lower * time
+    half, rest_last = (lower, higher) if order % 2 == 1 else (higher, higher)
     before, last = norms_of(run, order)
     top, first, second, before, last = _without_unit(size, before, last, half, lower, rest_last)
     logarithms = coarse_log2(top), coarse_log2(before), coarse_log2(last)
@@ -83,9 +94,30 @@ def foresee(run: Run) -> None:
         time,
     )
     step = factor * np.int64((np.int64(doublings) + 1023) << 52).view(np.float64)
-    now.step = min(max(step, shortest(run)), plan.max_step, remaining)
-    if now.rows == 1:
-        now.first_step = now.step
+    return float(min(max(step, shortest(run)), plan.max_step, remaining))
+
+
+@compiled
+def may_be_rounding(run: Run) -> bool:
+    """Whether a step may be as short as it is by the rounding of terms: so it was before, or it is much shorter than that."""
+    now, plan = run.now[0], run.plan[0]
+    if run.kept[0].weighs > 1:
+        return True
+    return bool(now.step < (plan.least * now.h if now.h > 0.0 else TINY * plan.rest))
+
+
+@shared
+def lengthen(run: Run) -> None:
+    """Foresee the step again with what rounding of terms makes of one of that length, which is allowed, too."""
+    now, plan = run.now[0], run.plan[0]
+    for _ in range(LONGER):
+        find_term_sizes(run, now.t + now.step, run.y)
+        size, slope = norms_at_start(run, now.step)
+        time = _time_of(size, slope, plan.end - now.t)
+        step = foreseen_step(run, size, time, power(time, (plan.series - 1) // 2))
+        if not step > now.step:
+            break
+        now.step = step
 
 
 @compiled
@@ -114,11 +146,17 @@ def coarse_log2(x: float) -> float:
 
 
 @compiled
-def norms_at_start(run: Run) -> tuple[float, float]:
-    """Return the largest ratios of the state and its slopes to what is allowed as errors; keep what they are multiplied by."""
+def norms_at_start(run: Run, width: float) -> tuple[float, float]:
+    """Return the largest ratios of the state and its slopes to what is allowed as errors; keep what they are multiplied by.
+
+    With a width, what rounding of terms makes of a step of that length is allowed, too.
+    """
     plan, size, slope = run.plan[0], 0.0, 0.0
     for i in range(plan.used):
         weight = _weight(allowed_of(run, run.y, i), plan.rtol, run.y[i])
+        if width > 0.0 and run.followers[i]:
+            least = rounding_of(run, i, width)
+            weight = min(weight, 1.0 / least) if least > 0.0 else weight
         size = larger(size, _ratio(run.y[i], weight))
         slope = larger(slope, _ratio(slope_of(run, run.y, i), weight))
         run.half[i] = weight

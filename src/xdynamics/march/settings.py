@@ -13,7 +13,7 @@ from xdynamics.keywords import FULL, STATES
 from xdynamics.march.delay_faults import delay_faults
 from xdynamics.march.precision_faults import precision_faults
 from xdynamics.march.root_methods import EARLIEST_FIRST, EVENT_STARTS, JUDGED, ONE_BY_ONE, ROOT_METHODS
-from xdynamics.march.tolerances import Tolerances, least_rtol
+from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import (
     EMBEDDED,
@@ -138,6 +138,8 @@ class Settings:
         Whether a number is one float or the sum of two, one of `PRECISIONS`.
     event_start : str
         What becomes of acting events whose functions are zero at the start or where another acts, one of `EVENT_STARTS`.
+    atol_floor : str
+        What tolerances that follow are never less than, one of `ATOL_FLOORS`.
     """
 
     method: Method
@@ -161,6 +163,7 @@ class Settings:
     order_given: bool = False
     precision: str = FLOAT64
     event_start: str = JUDGED
+    atol_floor: str = OF_TERMS
 
     @property
     def partial(self) -> bool:
@@ -248,6 +251,8 @@ class Settings:
             )
         if self.event_start not in EVENT_STARTS:
             faults.append(f"event_start is {self.event_start!r}; there are {', '.join(map(repr, EVENT_STARTS))}")
+        if self.atol_floor not in ATOL_FLOORS:
+            faults.append(f"atol_floor is {self.atol_floor!r}; there are {', '.join(map(repr, ATOL_FLOORS))}")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

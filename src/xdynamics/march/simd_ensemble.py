@@ -59,7 +59,8 @@ def march_abreast(
     part = EnsemblePart.of(n, law, inputs[2])
     blocks = _blocks(one, layout, law.memory, lanes)
     table = table_of(blocks | {"tables": one.tables})
-    stride = law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers)))
+    followers, weighs = tuple(map(bool, one.followers)), bool(one.plan[0]["rounding"] > 0.0)
+    stride = law.striding(lanes, adaptive=settings.adaptive, followers=followers, weighs=weighs)
     state_blocks = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
     sources, rows = _sources(layout, columns), []
     event_log = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)

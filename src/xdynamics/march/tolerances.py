@@ -24,6 +24,17 @@ from xdynamics.shapes.naming import parted
 from xdynamics.units import Unit
 
 LEAST_RTOL = 10 * EPS  # of numbers of one float
+OF_TERMS, NO_FLOOR = "terms that cancel", "none"
+ATOL_FLOORS = {  # what a tolerance that follows is never less than, besides `ATOL_RULE`, as described in a record
+    OF_TERMS: (
+        "at least 10 spacings of 1 times the step times the sum of the sizes of the terms of the"
+        " variable's rate at its end, through the mass, forces of contacts, friction and constraints among them; of a"
+        " coordinate that of its velocity times the step; where that is more than the tolerances allow, an error within it"
+        " is none of the method, and counts as 0;"
+        " looked at where a trial fails, in the first after a start, an event or a node, and in those after it while it matters"
+    ),
+    NO_FLOOR: "",
+}
 TINY = 1e-200  # a tolerance from which on is not zero in SI units either
 
 

@@ -13,6 +13,7 @@ from xdynamics.elementary import kept_set
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP, FORESEEN
 from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS, WAITING
+from xdynamics.march.tolerances import ATOL_FLOORS, NO_FLOOR
 from xdynamics.methods.scheme import FLOAT64, STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
@@ -57,6 +58,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "math_functions": kept_set(recorded.get("math_functions")),
         "event_root_method": root_method_of(recorded),
         "event_start": recorded.get("solver_event_start", WAITING),
+        "atol_floor": atol_floor_of(recorded),
         "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
         "log": _log_asked(recorded),
         "compress": True if schema.COMPRESSION in recorded else None,
@@ -100,6 +102,12 @@ def root_method_of(used: Mapping[str, Any]) -> str:
     """Return how events of a record, or of the members of a sweep, were located; version 0.2 had one way."""
     words = {text: name for name, text in ROOT_METHODS.items()}
     return words.get(str(used.get("solver_event_root_method")), ONE_BY_ONE)
+
+
+def atol_floor_of(used: Mapping[str, Any]) -> str:
+    """Return the floor of tolerances that follow of a record, or of the members of a sweep; older ones have none."""
+    words = {text: name for name, text in ATOL_FLOORS.items()}
+    return words.get(str(used.get(schema.ATOL_FLOOR_RULE)), NO_FLOOR)
 
 
 def _exact_times(recorded: Mapping[Any, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:

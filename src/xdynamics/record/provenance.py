@@ -23,6 +23,7 @@ from xdynamics.march.root_methods import ROOT_METHODS
 from xdynamics.march.settings import Settings
 from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalues, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
+from xdynamics.march.tolerances import ATOL_FLOORS
 from xdynamics.methods.lines import printed
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.methods.taylor import ORDER_RULE
@@ -352,6 +353,8 @@ def _errors(march: March) -> dict[str, Any]:
         }
         if march.run.plan[0].follows:
             reported["solver_atol_rule"] = ATOL_RULE
+            if rule := ATOL_FLOORS[settings.atol_floor]:
+                reported[schema.ATOL_FLOOR_RULE] = rule
     return reported | solver_of(settings.method).reported(settings, march.law)
 
 

@@ -41,6 +41,7 @@ def simulate(
     # step control
     rtol: float | None = None,
     atol: float | Mapping[str, str | float | Quantity] | None = None,
+    atol_floor: str | None = None,
     order: int | None = None,
     estimator: str | None = None,
     safety: float | None = None,
@@ -96,6 +97,10 @@ def simulate(
         starts at rest or at zero not less than a millionth of rtol times the largest of its kind, or times what the
         forces about the start make of it in the fastest time scale (`solver_atol_rule`; what was used last is the
         variable's `atol`). Without either, a method with an embedded formula and no step marches with rtol = 1e-6.
+    atol_floor : {"terms that cancel", "none"}
+        What a tolerance that follows is never less than. A body that rests, held by forces that cancel, moves by their
+        rounding alone, and has no size of its own: a trial that fails by no more than ten spacings of the terms' sum, over
+        the mass and along the step, passes (`atol_floor_rule`). The second is for the bits of older archives.
     order : int
         Order of `taylor`, from 2 to 60. By default the one with which a relative tolerance takes the least work,
         ceil(1 - ln(rtol)/2), and 8 for given steps.

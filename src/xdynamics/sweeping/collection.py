@@ -12,10 +12,11 @@ from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
+from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
-from xdynamics.record.arguments import root_method_of
+from xdynamics.record.arguments import atol_floor_of, root_method_of
 from xdynamics.record.element_names import listed
-from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
+from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.shapes.naming import spoken, written
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, AxisColumn
 from xdynamics.sweeping.grid import SweepGrid
@@ -167,6 +168,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "math_functions": plan.grid.math_functions,
         "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
         "solver_event_start": plan.grid.event_start,
+        **({ATOL_FLOOR_RULE: rule} if (rule := ATOL_FLOORS[plan.grid.atol_floor]) else {}),
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
@@ -255,6 +257,8 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         asked["event_root_method"] = located
     if (start := str(sweep.attrs.get("solver_event_start", WAITING))) != JUDGED:  # likewise
         asked["event_start"] = start
+    if (floor := atol_floor_of(sweep.attrs)) != OF_TERMS:  # likewise
+        asked["atol_floor"] = floor
     return Plan(SweepGrid(model, tuple(_axis(model, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
 
 

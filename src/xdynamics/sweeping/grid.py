@@ -17,6 +17,7 @@ from xdynamics.march import Runs, Settings, march_each, march_many
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.log import Room
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED
+from xdynamics.march.tolerances import OF_TERMS
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
@@ -219,6 +220,11 @@ class SweepGrid:
     def event_start(self) -> str:
         """What becomes of acting events of all members whose functions are zero at the start."""
         return str(self.asked.get("event_start") or JUDGED)
+
+    @property
+    def atol_floor(self) -> str:
+        """The floor of tolerances that follow of all members."""
+        return str(self.asked.get("atol_floor") or OF_TERMS)
 
     def shape_of(self, block: Sequence[slice]) -> tuple[int, ...]:
         """Return the number of members of a block along each axis."""

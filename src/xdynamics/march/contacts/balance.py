@@ -68,9 +68,14 @@ def weigh_impulses(run: Run) -> None:
         run.balance[TAKEN] -= touch.total * (run.approach[k] + after) / 2.0
         run.balance[TERMS] += abs(touch.total) * (abs(run.approach[k]) + abs(after))
         if run.reactions[k].role == NORMAL:
-            width = within(run, k)  # of its bracket, on which the rate itself changes, too
-            far = max(spread(run, k), NOISE * size_of_gap(run, k)) + abs(run.links[k].free) * width * width
-            examine(run, APART, k, abs(run.links[k].gap), 2.0 * far)
+            examine(run, APART, k, abs(run.links[k].gap), 2.0 * reach(run, k))
+
+
+@shared
+def reach(run: Run, k: int) -> float:
+    """How far from zero a gap that acted may be: by its location, on whose bracket its rate changes, too, and by rounding."""
+    width = within(run, k)
+    return max(spread(run, k), NOISE * size_of_gap(run, k)) + abs(run.links[k].free) * width * width
 
 
 @shared
@@ -94,7 +99,7 @@ def weigh_positions(run: Run, settling: bool) -> None:
     for i in range(count):
         k = run.chosen[i]
         if run.reactions[k].role == NORMAL:
-            farthest = max(farthest, spread(run, k), NOISE * size_of_gap(run, k))
+            farthest = max(farthest, reach(run, k))
     for i in range(run.plan[0].coordinates):
         most = 0.0
         for j in range(count):

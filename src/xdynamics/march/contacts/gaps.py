@@ -31,8 +31,12 @@ def hear(run: Run) -> None:
 
 @shared
 def width(run: Run, k: int) -> float:
-    """How wide a gap may be by rounding alone, or by its rate within the time tolerance."""
-    return max(NOISE * size_of_gap(run, k), abs(run.links[k].rate) * run.reactions[k].tolerance)
+    """How wide a gap may be by rounding alone, or by its rate and acceleration within the time tolerance.
+
+    Of a gap that was never open nothing else is known: what holds it closed leaves rounding of any size.
+    """
+    time = run.reactions[k].tolerance
+    return max(NOISE * size_of_gap(run, k), (abs(run.links[k].rate) + abs(run.links[k].free) * time) * time)
 
 
 @shared

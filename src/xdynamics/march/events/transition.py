@@ -316,7 +316,7 @@ def go_on(run: Run, reached: bool) -> None:
     elif run.trial[0].h > 0.0:
         now.on_grid = 0
     move_apart(run)
-    run.kept[0].since = BEGUN
+    run.kept[0].since, run.kept[0].weighs = BEGUN, 1
     if run.plan[0].reactions > 0:
         entered_by(run.functions[CONTACT_PHASE], run, now.t, SETTLE)
         if run.balance[GUARD] != KEPT_ALL:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.formulas import larger
 from xdynamics.march.assembly.closed_links import SCALE, X, closed_from, rows_of_closed
+from xdynamics.march.control import rounding_of
 from xdynamics.march.force_evaluation import State
 from xdynamics.march.implicit.derivatives import ROUNDED, slope_apart
 from xdynamics.march.run import Run
@@ -15,10 +16,11 @@ from xdynamics.methods.radau import T as TRANSFORMATION
 
 
 @shared
-def correction(run: Run, h: float, y: State) -> float:
+def correction(run: Run, h: float, y: State, weighed: bool) -> float:
     """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown.
 
-    They stand where stages will; the largest of each unknown is left in `right`, for messages.
+    They stand where stages will; the largest of each unknown is left in `right`, for messages. If `weighed` by the sizes
+    of terms, those within their rounding are none.
     """
     n, plan, largest = run.plan[0].used, run.plan[0], 0.0
     held = plan.assemblies > 0 and run.closed[0] > 0
@@ -34,9 +36,12 @@ def correction(run: Run, h: float, y: State) -> float:
             if held:
                 scale += held_from(run, h, i)
         run.right[i] = 0.0
+        least = rounding_of(run, i, h) if weighed and run.followers[i] else 0.0
         for k in range(3):
             change = abs(run.stages[k * n + i])
             run.right[i] = larger(run.right[i], change)
+            if change <= least and scale < least:
+                continue
             if change != 0.0:
                 largest = larger(largest, change / scale)
     return largest

@@ -17,7 +17,7 @@ from xdynamics.kernels.formulas import function_of
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
-from xdynamics.march.force_evaluation import State, evaluate, evaluate_held, keep_sample
+from xdynamics.march.force_evaluation import State, evaluate, evaluate_held, find_term_sizes, keep_sample
 from xdynamics.march.implicit.corrections import at_stages, correction, is_rounding, settles
 from xdynamics.march.implicit.derivatives import LATE, linearise, slope_apart
 from xdynamics.march.implicit.transformed import factorise_both, solve_complex, solve_real
@@ -48,6 +48,7 @@ ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
 NEAR = 1e-2  # below which the derivatives at an iterate serve the next ones too
 UNSOLVED_GROWTH = 0.5
 AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in which they may be older
+WEIGHED = 3  # the way in which corrections within the rounding of terms that cancel are none
 OPEN, DONE, IN_VAIN = range(3)
 
 error_norm_apart = apart(error_norm)
@@ -110,13 +111,20 @@ def recall(run: Run) -> None:
 
 @compiled
 def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
-    """Solve for the stages: with what is kept; with derivatives at y; if the step is given, at the iterates."""
-    kept, done = run.kept[0], False
-    for way in range(3):
-        if done or (way == AT_START and kept.fresh) or (way == AT_ITERATES and run.plan[0].adaptive):
+    """Solve for the stages: with what is kept; with derivatives at y; if the step is given, at the iterates.
+
+    If it is chosen, what is left may be the rounding of forces that cancel, below which corrections do not fall.
+    """
+    kept, plan, done = run.kept[0], run.plan[0], False
+    for way in range(4):
+        if done or (way == AT_START and kept.fresh) or (way == AT_ITERATES and plan.adaptive):
             continue
+        if way == WEIGHED:
+            if not (plan.adaptive and plan.rounding > 0.0):
+                continue
+            find_term_sizes(run, t + h, y)
         prepare(run, h, way)
-        done = iterate(run, t, h, y, sample, way == AT_ITERATES)
+        done = iterate(run, t, h, y, sample, way)
         if way == AT_ITERATES:  # these derivatives serve no other step
             done = done or is_rounding(run, h, y)
             kept.linearised, kept.fresh = 0, 0
@@ -136,18 +144,18 @@ def prepare(run: Run, h: float, way: int) -> None:
 
 
 @compiled
-def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool) -> bool:
+def iterate(run: Run, t: float, h: float, y: State, sample: int, way: int) -> bool:
     """Correct the stages until their error is small enough; whether that was reached.
 
-    When `following` the iterates, derivatives are those at the second stage of each, until the solution is near.
+    When following the iterates, derivatives are those at the second stage of each, until the solution is near.
     """
-    kept, verdict, turn = run.kept[0], OPEN, 0
+    kept, verdict, turn, following = run.kept[0], OPEN, 0, way == AT_ITERATES
     while verdict == OPEN:
         freshen(run, t, h, y, following)
         if not abs(h - kept.factored) <= constants.SAME_STEP * h and not factorise_both(run, h):
             verdict = IN_VAIN
             continue
-        size, turn = correct(run, t, h, y, sample), turn + 1
+        size, turn = correct(run, t, h, y, sample, way == WEIGHED), turn + 1
         if not following:
             verdict = judged(run, size, turn)
         elif size <= NEAR:
@@ -206,7 +214,7 @@ def judged(run: Run, size: float, turn: int) -> int:
 
 
 @compiled
-def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
+def correct(run: Run, t: float, h: float, y: State, sample: int, weighed: bool) -> float:
     """Correct all stages once; return the largest correction relative to the tolerance of its unknown."""
     if run.trial[0].iterations >= 0:
         run.trial[0].iterations += 1
@@ -223,7 +231,7 @@ def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
     solve_complex(run, corrections)
     for i in range(3 * n):
         turned[i] += corrections[i]
-    size = correction(run, h, y)
+    size = correction(run, h, y, weighed)
     to_stages(turned, run.stages, n)
     return size
 
