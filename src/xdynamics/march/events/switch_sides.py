@@ -132,7 +132,9 @@ def keep_pieces(run: Run, moved: bool) -> bool:
 def slides(run: Run) -> bool:
     """Whether the motion is driven back to a switch at which a force jumps, as it was on the side before.
 
-    For a table, the side after the switch is inside the next piece, where its function is positive again.
+    For a table, the side after the switch is inside the next piece, where its function is positive again. At a switch
+    where a force has a kink, being driven back is rest: with ``sign(v)*sqrt(abs(v))`` a motion is at zero after a
+    finite time. What the force on the side beyond does to it in a step counts as zero from there on.
     """
     sliding = False
     set_time(run, T, run.trial[0].t)
@@ -141,6 +143,8 @@ def slides(run: Run) -> bool:
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
             sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
+        elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
+            watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0
     return sliding
 
 
