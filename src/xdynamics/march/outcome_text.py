@@ -7,7 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from xdynamics.expressions import Binary, Name, Node, text_of
+from xdynamics.expressions import CALLED_ALONE, Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import spoken
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
@@ -39,6 +39,7 @@ from xdynamics.march.unlocated_switches import STEPS
 from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
 from xdynamics.model.detectors import SWITCH, Detector
+from xdynamics.model.kinks import turned
 from xdynamics.model.motion import constants
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import Switch
@@ -176,7 +177,11 @@ def _jump(march: March, switch: Detector | Switch) -> str:
     """Say where a force switches."""
     whole, labels = parted(switch.name)
     owner, function = whole.split(".")
-    where = f"switches where {_equation(switch.function)}, the argument of its {function}"
+    kind = function.split("_")[0]
+    if kind in CALLED_ALONE:
+        where = f"jumps where {text_of(turned(kind, switch.function))} does"
+    else:
+        where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
         at = _asked(march, switch.drive) * march.settings.scales.of(drive.table.argument_unit.dimension)

@@ -49,6 +49,20 @@ def counted(function: str, arguments: tuple[Node, ...]) -> Node:
     return Negative(arguments[0]) if function == "ceil" else arguments[0]
 
 
+def turned(function: str, node: Node) -> Call:
+    """Return the call of `floor`, `ceil`, `round` or `mod` as it was written, from its `turning`."""
+    wave = node.left if isinstance(node, Binary) else node
+    assert isinstance(wave, Call)  # noqa: S101 - as `turning` makes it
+    angle = wave.arguments[0]
+    assert isinstance(angle, Binary)  # noqa: S101
+    product = angle if function == "round" else angle.left
+    assert isinstance(product, Binary)  # noqa: S101
+    u = product.right
+    if function == "mod" and isinstance(u, Binary):
+        return Call("mod", (u.left, u.right))
+    return Call(function, (u.operand if function == "ceil" and isinstance(u, Negative) else u,))
+
+
 Kink = tuple[str, Node, bool, int, Path, int]
 
 

@@ -14,11 +14,13 @@ from xdynamics.kernels.drive_tables import find_piece
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
+from xdynamics.march.events.root_finding import kind_of
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.schema import JUMP
 
 State = NDArray[Any]
 
@@ -134,7 +136,8 @@ def slides(run: Run) -> bool:
 
     For a table, the side after the switch is inside the next piece, where its function is positive again. At a switch
     where a force has a kink, being driven back is rest: with ``sign(v)*sqrt(abs(v))`` a motion is at zero after a
-    finite time. What the force on the side beyond does to it in a step counts as zero from there on.
+    finite time. What the force on the side beyond does to it in a step counts as zero from there on. Nothing drives time
+    back, nor a function that has jumped over zero: that of ``where(mod(q, b) < b/2, …)``.
     """
     sliding = False
     set_time(run, T, run.trial[0].t)
@@ -142,6 +145,8 @@ def slides(run: Run) -> bool:
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
+            if detector.of_time or kind_of(run, i) == JUMP:
+                continue
             sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
         elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
             watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0
