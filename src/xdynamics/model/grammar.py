@@ -307,7 +307,7 @@ SECTIONS: dict[str, Section] = {
         full=entries.constraint_table, make=entries.constraint, brief="holds", apart=True,
     ),
     "controllers": Section(
-        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the march, not an event", "controller",
+        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the march, not an event; in their expressions floor, ceil, round and mod take a number that is whole to rounding as whole: mod(t, T) is 0 at each multiple of T", "controller",
         (
             Key("every", DURATION, "the period; ticks lie at exact multiples of it, the first at the start. The controller's own expressions may read it as `every`", NEEDED),
             Key("phase", WAIT, "how long after the start the first tick is", "0"),

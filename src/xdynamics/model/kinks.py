@@ -137,7 +137,9 @@ def _is_difference(node: Node, function: Node) -> bool:
     left, right = function.left, function.right
     if isinstance(node, Binary) and node.operator == "-":
         return (node.left, node.right) == (right, left)
-    return (_is_zero(right) and _is_difference_side(node, left)) or (_is_zero(left) and _is_difference_side(node, right))
+    return (_is_zero(right) and _is_difference_side(node, left)) or (
+        _is_zero(left) and _is_difference_side(node, right)
+    )
 
 
 def _is_difference_side(node: Node, side: Node) -> bool:

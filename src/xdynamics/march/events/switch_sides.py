@@ -14,7 +14,7 @@ from xdynamics.kernels.drive_tables import find_piece
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
-from xdynamics.march.events.root_finding import kind_of
+from xdynamics.march.events.root_finding import kind_of, passed
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
@@ -145,8 +145,8 @@ def slides(run: Run) -> bool:
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
-            if detector.of_time or kind_of(run, i) == JUMP:
-                continue
+            if detector.of_time or kind_of(run, i) == JUMP or not passed(run, i, run.g1[i]):
+                continue  # a trial that solves equations anew may end before a switch that it was to end behind
             sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
         elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
             watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0

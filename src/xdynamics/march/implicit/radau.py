@@ -147,6 +147,10 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool
         if not abs(h - kept.factored) <= constants.SAME_STEP * h and not factorise_both(run, h):
             verdict = IN_VAIN
             continue
+        if (
+            turn == 0
+        ):  # factors of a step that is nearly as long correct no better than it is, whatever earlier ones did
+            kept.eta = max(kept.eta, abs(h - kept.factored) / h)
         size, turn = correct(run, t, h, y, sample), turn + 1
         if not following:
             verdict = judged(run, size, turn)
