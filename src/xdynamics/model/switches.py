@@ -17,7 +17,9 @@ from xdynamics.expressions import (
     Call,
     Compare,
     Name,
+    Negative,
     Node,
+    exponent_of,
     free_names,
 )
 from xdynamics.expressions.calculus import ZERO
@@ -26,6 +28,7 @@ from xdynamics.model.delays import is_before
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
+from xdynamics.model.one_sided_trees import FAR
 from xdynamics.model.parts import Function
 from xdynamics.model.switch_names import MOST_COUNTED, named
 from xdynamics.schema import velocity
@@ -210,6 +213,26 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, ou
             tree = Call("where", (condition, tree, result) if holds else (condition, result, tree))
         result = tree
     return result
+
+
+def bounded(model: Model, function: Node) -> Node:
+    """Return the function of a switch with a large number in place of infinity, if it may be infinite.
+
+    Of ``min(F, P/v)`` at v = 0 one side is known, and has a value.
+    """
+    if not any(_has_pole(model, node) for node in every(function)):
+        return function
+    return Call("min", (Call("max", (function, Negative(FAR))), FAR))
+
+
+def _has_pole(model: Model, node: Node) -> bool:
+    match node:
+        case Binary(operator="/"):
+            return _moves(model, node.right)
+        case Binary(operator="**"):
+            exponent = exponent_of(node.right)
+            return (exponent is None or exponent < 0) and _moves(model, node.left)
+    return isinstance(node, Call) and node.function == "log" and _moves(model, node)
 
 
 def _bent(model: Model, trees: Iterator[Node]) -> list[str]:
