@@ -108,7 +108,10 @@ def _trees_with_dims(model: Model, owner: str) -> Iterator[Node]:
     """Yield what a force is for every coordinate, or the rate of a state, with definitions substituted."""
     whole = model.shaped
     force = whole.forces.get(owner)
-    trees = [whole.states[owner].rate] if force is None else Elements(whole, model.shapes).acting(force).values()
+    if force is not None:
+        trees = Elements(whole, model.shapes).acting(force).values()
+    else:  # the rate of a state, or the masses
+        trees = [whole.states[owner].rate] if owner in whole.states else [*whole.mass_entries.values()]
     for tree in trees:
         if not isinstance(tree, Function):
             yield expanded(tree, whole.definitions, model.shapes)
