@@ -12,6 +12,7 @@ from xdynamics.dynamics.variational import NotVariedError, TickMaps, Variations
 from xdynamics.model import Model
 from xdynamics.model.controllers import actions, changes, exact_time, held, starts, ticks
 from xdynamics.model.motion import variables
+from xdynamics.model.whole_numbers import with_whole_numbers
 from xdynamics.units.rounded import exact_value
 
 Whole = NDArray[np.int64]
@@ -41,7 +42,9 @@ def with_ticks(along: Variations) -> Variations:
     for change in changes(model.controllers):
         acts = (masks >> change.action) & 1 == 1
         if acts.any():
-            maps[acts, names.index(change.target)] = before.change(model.expanded(change.value))[acts]
+            maps[acts, names.index(change.target)] = before.change(with_whole_numbers(model.expanded(change.value)))[
+                acts
+            ]
     return replace(along, ticks=TickMaps(rows, maps[..., :n], maps[..., n:]))
 
 

@@ -47,6 +47,7 @@ from xdynamics.model.whole import (
     shapes_of,
     shapes_of_changes,
 )
+from xdynamics.model.whole_numbers import with_whole_numbers
 from xdynamics.schema import ENERGIES
 from xdynamics.shapes import at
 from xdynamics.shapes.blocks import Blocks
@@ -277,8 +278,11 @@ def values_of(layout: Layout, trees: Iterable[Node]) -> Program:
 def resets(layout: Layout) -> Program:
     """Write what events set the state to, in the order of `Layout.resets`, then what controllers do."""
     model = layout.model
-    trees = [model.expanded(model.events[name].reset[target]) for name, target in layout.resets]
-    trees += [model.expanded(change.value) for change in layout.ticking]
+    trees = []
+    for name, target in layout.resets:
+        tree = model.expanded(model.events[name].reset[target])
+        trees.append(tree if model.events[name].every is None else with_whole_numbers(tree))
+    trees += [with_whole_numbers(model.expanded(change.value)) for change in layout.ticking]
     about = "What events and controllers set the state to." if layout.ticking else "What events set the state to."
     return _returning("resets", about, layout, trees)
 

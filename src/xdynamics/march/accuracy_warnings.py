@@ -16,7 +16,7 @@ from xdynamics.march.assembly.broad_phase import NEEDED, NEEDED_AT, OUTSIDE, OUT
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.runner import March
 from xdynamics.march.timescales import jacobian_at
-from xdynamics.march.uncontrolled_errors import LOSS, effect_of
+from xdynamics.march.uncontrolled_errors import LOSS, effect_of, passed_over
 from xdynamics.model import Model, Trait
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.constraint_consistency import implied_at_start
@@ -43,6 +43,7 @@ def doubts(march: March) -> list[str]:
     """Return, each in a sentence, why the numbers of a finished march may be less accurate than they look."""
     return [
         *_of_tolerances(march),
+        *_of_first_step(march),
         *_of_mass(march),
         *_of_switches(march),
         *_of_contacts(march.model),
@@ -73,6 +74,16 @@ def _of_tolerances(march: March) -> Iterator[str]:
         f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
         " it follows the sizes then"
     )
+
+
+def _of_first_step(march: March) -> Iterator[str]:
+    """Report a given first step over which forces at the start change many times."""
+    times = passed_over(march)
+    if times:
+        yield (
+            f"the first step is {times:.3g} times as long as the fastest change of the forces at the start, and what it"
+            " led to has nothing to do with them; give a shorter step, or rtol in place of a step"
+        )
 
 
 def _of_mass(march: March) -> Iterator[str]:

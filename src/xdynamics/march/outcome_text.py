@@ -7,7 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from xdynamics.expressions import Binary, Name, Node, text_of
+from xdynamics.expressions import CALLED_ALONE, Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import spoken
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
@@ -40,7 +40,8 @@ from xdynamics.march.step_replay import retraced, undefined_part
 from xdynamics.march.unlocated_switches import STEPS
 from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
-from xdynamics.model.detectors import SWITCH, Detector
+from xdynamics.model.detectors import KINK, SWITCH, Detector
+from xdynamics.model.kinks import turned
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import TANGENT, reactions
@@ -122,11 +123,7 @@ def diagnose(march: March) -> Failure:
     """
     status = int(march.now.status)
     if status == REASON_EVENT_FUNCTION:
-        named = zip(march.layout.watched, march.run.g1.tolist(), strict=True)
-        cause = ", ".join(
-            f"the function of event '{detector.name}' is {value}" for detector, value in named if not isfinite(value)
-        )
-        return Failure(OUTCOMES[status], cause)
+        return Failure(OUTCOMES[status], _undefined_events(march))
     if status == EVENT_AT_ZERO:
         named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
         cause = ", ".join(f"the function of event '{detector.name}' is 0" for detector, ever in named if not ever)
@@ -152,6 +149,17 @@ def diagnose(march: March) -> Failure:
     if status == REASON_NEWTON:
         return Failure(OUTCOMES[status], _cause(march))
     return _in_state(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
+
+
+def _undefined_events(march: March) -> str:
+    """Name the event functions that have no value; at the start the trial has none yet."""
+    values = march.run.g if float(march.now.h) == 0.0 else march.run.g1
+    what = {SWITCH: "the switch", KINK: "the switch"}
+    return ", ".join(
+        f"the function of {what.get(detector.role, 'event')} '{detector.name}' is {value}"
+        for detector, value in zip(march.layout.watched, values.tolist(), strict=True)
+        if not isfinite(value)
+    )
 
 
 def _sliding(march: March) -> str:
@@ -240,7 +248,11 @@ def _jump(march: March, switch: Detector | Switch) -> str:
     """Say where a force switches."""
     whole, labels = parted(switch.name)
     owner, function = whole.split(".")
-    where = f"switches where {_equation(switch.function)}, the argument of its {function}"
+    kind = function.split("_")[0]
+    if kind in CALLED_ALONE:
+        where = f"jumps where {text_of(turned(kind, switch.function))} does"
+    else:
+        where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
         at = _asked(march, switch.drive) * march.settings.scales.of(drive.table.argument_unit.dimension)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite
+from math import isfinite, isnan
 from typing import TYPE_CHECKING
 
 from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits_domain, parse, text_of
@@ -149,6 +149,9 @@ def _undefined(node: Node, values: Values) -> str:
         return ""
     assert isinstance(node, Call | Binary)  # noqa: S101 - by `power`
     argument = node.arguments[0] if isinstance(node, Call) else node.left
-    if isfinite(evaluate(node, values)) or not isfinite(at := evaluate(argument, values)):
+    value = evaluate(node, values)
+    if isfinite(value) or not isfinite(at := evaluate(argument, values)):
         return ""
-    return f"{text_of(node)} has no value where {text_of(argument)} = {at:.6g}"
+    described = "has no value" if isnan(value) else f"is {value}"
+    remedy = "bound its argument with max, min, abs or where, or end the run there by an event"
+    return f"{text_of(node)} {described} where {text_of(argument)} = {at:.6g}; {remedy}"

@@ -1,4 +1,4 @@
-"""Errors that given absolute tolerances do not control, and the variables in which they matter over the run."""
+"""Errors that given absolute tolerances, or given steps, do not control, and the variables in which they matter."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ NOISE = 1e3 * EPS  # of the largest of its kind: smaller values are due to round
 COMPARABLE = 10.0  # ratio of a value's absolute to relative tolerance up to which both count as intended
 SHARE = 16  # evaluations of a march for each one that follows an error
 FEWEST, SMALL = 240, 48  # evaluations that cost little beside the record, for states up to that size
+UNRESOLVED = 100.0  # time scales in one step: no explicit method is stable there, nor follows a growth
 MOST_FOLLOWED = 1000  # steps; over the rest of a long run growth is extrapolated
 
 
@@ -101,6 +102,22 @@ def effect_of(march: March) -> Effect:
         f" rows over {covered:.0%} of it"
     )
     return Effect(words, share * growth > LOSS)
+
+
+def passed_over(march: March) -> float:
+    """Return how many times the fastest time scale at the start a given first step of an explicit method is; 0 if few.
+
+    Such a step is finite where what it starts from is over at once: of ``P/v`` at 1 um/s the first stage alone counts,
+    and the speed it leads to has nothing to do with the force.
+    """
+    settings, plan = march.settings, march.run.plan[0]
+    if settings.adaptive or settings.method.solves or not march.witnesses.steps.shape[1]:
+        return 0.0
+    first, rates = float(plan.step_size or (march.run.steps[0] if len(march.run.steps) else 0.0)), np.zeros((1, 1))
+    with put_aside(march), np.errstate(all="ignore"):
+        engine().fastest_rates(march.run, march.witnesses.states([0]), rates)
+    product = float(rates[0, 0]) * first
+    return product if UNRESOLVED < product < np.inf else 0.0
 
 
 def _given(tolerances: Tolerances, layout: Layout) -> Floats:

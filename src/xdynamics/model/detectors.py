@@ -17,7 +17,7 @@ from xdynamics.model.motion import motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
 from xdynamics.model.regime_model import RegimeModel
-from xdynamics.model.switches import LOCATED_EVERYWHERE, side, where_it_decides
+from xdynamics.model.switches import LOCATED_EVERYWHERE, bounded, side, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
@@ -132,10 +132,10 @@ def _switching(model: Model) -> Iterator[Detector]:
         return
     sides = {(switch.owner, switch.function): side(i) for i, switch in enumerate(model.switches)}
     for switch in model.switches:
-        role, watched = SWITCH if switch.jumps else KINK, None
+        role, watched = SWITCH if switch.jumps else KINK, bounded(model, switch.function)
         if switch.nested and model.located != LOCATED_EVERYWHERE:
             own = {function: name for (owner, function), name in sides.items() if owner == switch.owner}
-            watched = where_it_decides(switch, own, switch.function, ONE)
+            watched = where_it_decides(switch, own, watched, ONE)
         past = reads_past(switch.function, model)
         yield Detector(
             switch.name,
@@ -144,7 +144,7 @@ def _switching(model: Model) -> Iterator[Detector]:
             at_zero=switch.at_zero,
             sampled=past,
             drive=switch.drive,
-            watched=watched,
+            watched=None if watched is switch.function else watched,
         )
 
 

@@ -198,7 +198,7 @@ SECTIONS: dict[str, Section] = {
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
     "mass": Section(
-        "what multiplies the acceleration of each coordinate, and nothing else", "",
+        "what multiplies the acceleration of each coordinate, and nothing else; where it jumps (where, floor) velocities are kept, unless a reset says else", "",
         (Key("<coordinate>", EXPRESSION.of("kg (kg m2 of an angle)"), "mass or moment of inertia", NEEDED), Key("matrix", raw("rows of expressions"), "the whole mass matrix in their place, which may depend on coordinates", "")),
         '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\nu = "1*kilogram"\n',
     ),
@@ -209,7 +209,7 @@ SECTIONS: dict[str, Section] = {
             Key("potential", EXPRESSION.of("J"), "of coordinates, t, parameters and drives", "none"),
         ),
         '[lagrangian]\nkinetic = "m*(v_x**2 + l**2*v_theta**2/radian**2)/2 + m*l*cos(theta)*v_x*v_theta/radian"\npotential = "k*x**2/2"\n',
-        "other forces, of drags and drives, stand in [forces] beside it",
+        "other forces, of drags and drives, stand in [forces] beside it; where the mass jumps velocities are kept, unless a reset says else",
         make=Lagrangian,
     ),
     "definitions": Section(
@@ -308,7 +308,7 @@ SECTIONS: dict[str, Section] = {
         full=entries.constraint_table, make=entries.constraint, brief="holds", apart=True,
     ),
     "controllers": Section(
-        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the march, not an event", "controller",
+        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the march, not an event; in their expressions floor, ceil, round and mod take a number that is whole to rounding as whole: mod(t, T) is 0 at each multiple of T", "controller",
         (
             Key("every", DURATION, "the period; ticks lie at exact multiples of it, the first at the start. The controller's own expressions may read it as `every`", NEEDED),
             Key("phase", WAIT, "how long after the start the first tick is", "0"),

@@ -16,7 +16,7 @@ from xdynamics.expressions import (
     chain,
 )
 from xdynamics.expressions.calculus import ONE
-from xdynamics.expressions.tree import children
+from xdynamics.expressions.tree import children, exponent_of
 
 JUMPING = ("sign", "where", *CALLED_ALONE)
 SWITCHING = ("abs", "min", "max", *JUMPING)
@@ -47,6 +47,20 @@ def counted(function: str, arguments: tuple[Node, ...]) -> Node:
     if function == "mod":
         return Binary("/", arguments[0], arguments[1])
     return Negative(arguments[0]) if function == "ceil" else arguments[0]
+
+
+def turned(function: str, node: Node) -> Call:
+    """Return the call of `floor`, `ceil`, `round` or `mod` as it was written, from its `turning`."""
+    wave = node.left if isinstance(node, Binary) else node
+    assert isinstance(wave, Call)  # noqa: S101 - as `turning` makes it
+    angle = wave.arguments[0]
+    assert isinstance(angle, Binary)  # noqa: S101
+    product = angle if function == "round" else angle.left
+    assert isinstance(product, Binary)  # noqa: S101
+    u = product.right
+    if function == "mod" and isinstance(u, Binary):
+        return Call("mod", (u.left, u.right))
+    return Call(function, (u.operand if function == "ceil" and isinstance(u, Negative) else u,))
 
 
 Kink = tuple[str, Node, bool, int, Path, int]
@@ -82,8 +96,66 @@ def kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterat
     if not isinstance(node, Call):
         return
     for function, jumps, at_zero in kinks_of_call(node):
-        flatness = int(not jumps) + sum(factor == function for factor in factors)
-        yield node.function, function, jumps, at_zero, path, flatness
+        continuous = not jumps or any(_vanishes(factor, function) for factor in factors) or _meets(node, function)
+        flatness = int(not jumps or _meets(node, function)) + sum(factor == function for factor in factors)
+        yield node.function, function, not continuous, at_zero, path, flatness
+
+
+def _meets(node: Call, function: Node) -> bool:
+    """Whether both branches of a `where` are zero at its switch: its value has a kink there, and no jump."""
+    return node.function == "where" and all(_vanishes(branch, function) for branch in node.arguments[1:])
+
+
+_WITH_ARGUMENT = ("abs", "sqrt", "sin", "tan", "asin", "atan", "sinh", "tanh", "min", "max", "hypot")
+
+
+def _vanishes(node: Node, function: Node) -> bool:
+    """Whether an expression is seen to be zero where the function of a switch is."""
+    if node == function or _is_zero(node):
+        return True
+    match node:
+        case Negative():
+            return _vanishes(node.operand, function)
+        case Binary(operator="*"):
+            return _vanishes(node.left, function) or _vanishes(node.right, function)
+        case Binary(operator="/"):
+            return _vanishes(node.left, function)
+        case Binary(operator="**"):
+            exponent = exponent_of(node.right)
+            return exponent is not None and exponent > 0 and _vanishes(node.left, function)
+        case Binary() if _vanishes(node.left, function) and _vanishes(node.right, function):
+            return True
+        case Call() if node.function in _WITH_ARGUMENT:
+            return all(_vanishes(argument, function) for argument in node.arguments)
+    return _is_difference(node, function)
+
+
+def _is_difference(node: Node, function: Node) -> bool:
+    """Whether a function is that of a comparison of an expression with zero, or of both sides of a difference."""
+    if not (isinstance(function, Binary) and function.operator == "-"):
+        return isinstance(function, Negative) and node == function.operand
+    left, right = function.left, function.right
+    if isinstance(node, Binary) and node.operator == "-":
+        return (node.left, node.right) == (right, left)
+    return (_is_zero(right) and _is_difference_side(node, left)) or (
+        _is_zero(left) and _is_difference_side(node, right)
+    )
+
+
+def _is_difference_side(node: Node, side: Node) -> bool:
+    return node == (side.operand if isinstance(side, Negative) else side)
+
+
+def _is_zero(node: Node) -> bool:
+    """Whether an expression is written as zero: ``0*metre``."""
+    match node:
+        case Number():
+            return node.value == 0.0
+        case Negative():
+            return _is_zero(node.operand)
+        case Binary(operator="*" | "/"):
+            return _is_zero(node.left) or (node.operator == "*" and _is_zero(node.right))
+    return False
 
 
 def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iterator[Kink]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 from xdynamics.expressions import (
     CALLED_ALONE,
@@ -16,37 +17,115 @@ from xdynamics.expressions import (
     chain,
 )
 from xdynamics.expressions.calculus import ONE, TWO, ZERO
-from xdynamics.model.kinks import counted, turning
+from xdynamics.expressions.tree import exponent_of
+from xdynamics.model.kinks import counted, kinks, turning
+
+FAR = Number(1e300)  # bounds nothing
+# The least and the greatest argument with a value; a logarithm has none at zero itself.
+DOMAINS: Mapping[str, tuple[Node, Node | None]] = {
+    "sqrt": (ZERO, None),
+    "log": (Number(1e-300), None),
+    "asin": (Negative(ONE), ONE),
+    "acos": (Negative(ONE), ONE),
+}
 
 
 def on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
-    """Substitute sides for signs and comparisons."""
-    if isinstance(node, Binary):
-        first, links = chain(node)
-        tree = on_sides(first, sides)
-        for child in links:
-            tree = Binary(child.operator, tree, on_sides(child.right, sides), child.column)
-        return tree
-    if isinstance(node, Negative):
-        return Negative(on_sides(node.operand, sides), node.column)
-    if isinstance(node, Compare):
-        return Compare(node.operator, on_sides(node.left, sides), on_sides(node.right, sides), node.column)
-    if not isinstance(node, Call):
-        return node
-    inner = tuple(on_sides(child, sides) for child in node.arguments)
-    if node.function in ("abs", "sign") and node.arguments[0] in sides:
-        side_name = Name(sides[node.arguments[0]])
-        return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
-    if node.function in ("min", "max"):
-        return _extremum_on_sides(node, inner, sides)
-    if node.function in CALLED_ALONE and (name := sides.get(turning(node))) is not None:
-        return _whole_on_side(node.function, inner, Name(name))
-    if node.function == "where" and isinstance(node.arguments[0], Compare):
+    """Substitute sides for signs and comparisons.
+
+    Roots and what else has no value beyond some argument keep the value at its end where the motion has passed a switch
+    whose side is held: a step that is landed a rounding beyond ``max(-x, 0*metre)**1.5`` would have no force otherwise.
+    """
+    return _Sides(sides, ()).of(node)
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Names of sides by the functions of switches, and the functions of those that decide whether a node counts."""
+
+    names: Mapping[Node, str]
+    around: tuple[Node, ...]
+
+    def within(self, function: Node) -> _Sides:
+        """Return the same inside of what the side of a function decides."""
+        return self if function in self.around else _Sides(self.names, (*self.around, function))
+
+    def of(self, node: Node) -> Node:
+        """Substitute sides in a tree."""
+        if isinstance(node, Binary):
+            first, links = chain(node)
+            tree = self.of(first)
+            for child in links:
+                if is_root(child):
+                    tree = self._continued(child.left, tree, (ZERO, None))
+                tree = Binary(child.operator, tree, self.of(child.right), child.column)
+            return tree
+        if isinstance(node, Negative):
+            return Negative(self.of(node.operand), node.column)
+        if isinstance(node, Compare):
+            return Compare(node.operator, self.of(node.left), self.of(node.right), node.column)
+        return self._of_call(node) if isinstance(node, Call) else node
+
+    def _of_call(self, node: Call) -> Node:
+        if node.function in ("min", "max"):
+            return self._extremum(node)
         condition = node.arguments[0]
-        known_side = sides.get(Binary("-", condition.left, condition.right))
-        if known_side is not None:
-            return Call("where", (Compare(condition.operator[0], Name(known_side), ZERO), *inner[1:]), node.column)
-    return Call(node.function, inner, node.column)
+        if node.function == "where" and isinstance(condition, Compare):
+            function = Binary("-", condition.left, condition.right)
+            if function in self.names:
+                inside, decided = self.within(function), Name(self.names[function])
+                arms = map(inside.of, node.arguments[1:])
+                return Call("where", (Compare(condition.operator[0], decided, ZERO), *arms), node.column)
+        inner = tuple(map(self.of, node.arguments))
+        if node.function in ("abs", "sign") and condition in self.names:
+            side_name = Name(self.names[condition])
+            return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
+        if node.function in CALLED_ALONE and (name := self.names.get(turning(node))) is not None:
+            return _whole_on_side(node.function, inner, Name(name))
+        if node.function in DOMAINS:
+            inner = (self._continued(condition, inner[0], DOMAINS[node.function]),)
+        return Call(node.function, inner, node.column)
+
+    def _extremum(self, node: Call) -> Node:
+        """Write min and max as `where`, as far as their sides are known."""
+        result, others = self.of(node.arguments[-1]), node.arguments[-1:]
+        for argument in reversed(node.arguments[:-1]):
+            best = others[0] if len(others) == 1 else Call(node.function, others)
+            side_name = self.names.get(Binary("-", argument, best))
+            if side_name is None:
+                result = Call(node.function, (self.of(argument), result))
+            else:
+                condition = Compare("<" if node.function == "min" else ">", Name(side_name), ZERO)
+                result = Call("where", (condition, self.of(argument), result))
+            others = (argument, *others)
+        return result
+
+    def _continued(self, plain: Node, held: Node, domain: tuple[Node, Node | None]) -> Node:
+        """Keep an argument inside of a domain where a side is held that the motion has left."""
+        functions = dict.fromkeys((*self.around, *self._inside(plain)))
+        if not functions:
+            return held
+        least, greatest = domain
+        held = Call("max", (held, self._where_held(functions, Negative(FAR), least)))
+        return held if greatest is None else Call("min", (held, self._where_held(functions, FAR, greatest)))
+
+    def _inside(self, plain: Node) -> Iterator[Node]:
+        """Yield the functions of the switches of an expression."""
+        return (function for _, function, *_ in kinks(plain) if function in self.names)
+
+    def _where_held(self, functions: Mapping[Node, None], agreed: Node, left: Node) -> Node:
+        """Return one tree where the motion is on the sides that are held, another where it has left one of them."""
+        tree = agreed
+        for function in functions:
+            distance = Binary("*", Name(self.names[function]), function)
+            tree = Call("where", (Compare(">", distance, ZERO), tree, left))
+        return tree
+
+
+def is_root(node: Binary) -> bool:
+    """Whether a power has no value of a negative base."""
+    exponent = exponent_of(node.right) if node.operator == "**" else None
+    return exponent is not None and exponent.denominator != 1
 
 
 def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> Node:
@@ -58,19 +137,3 @@ def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> N
     if function == "mod":
         return Binary("-", inner[0], Binary("*", inner[1], whole))
     return Negative(whole) if function == "ceil" else whole
-
-
-def _extremum_on_sides(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> Node:
-    """Write min and max as `where`, as far as their sides are known."""
-    result, others = inner[-1], node.arguments[-1:]
-    for i in range(len(inner) - 2, -1, -1):
-        best = others[0] if len(others) == 1 else Call(node.function, others)
-        side_name = sides.get(Binary("-", node.arguments[i], best))
-        if side_name is None:
-            result = Call(node.function, (inner[i], result))
-        else:
-            result = Call(
-                "where", (Compare("<" if node.function == "min" else ">", Name(side_name), ZERO), inner[i], result)
-            )
-        others = (node.arguments[i], *others)
-    return result

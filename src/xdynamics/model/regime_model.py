@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from xdynamics.expressions import Node
+from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import on_sides
 from xdynamics.model.parts import Function
 from xdynamics.model.statement import Statement
-from xdynamics.model.switches import LANDED_ON, LOCATED, STEPPED_OVER, Switch, borders, side, watched_switches
+from xdynamics.model.switches import (
+    LANDED_ON,
+    LOCATED,
+    STEPPED_OVER,
+    Switch,
+    borders,
+    owner_of_masses,
+    side,
+    watched_switches,
+)
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import parted
+from xdynamics.units import NONE
 
 
 class RegimeModel(Model):
@@ -40,7 +51,11 @@ class RegimeModel(Model):
         states = {
             name: replace(part, rate=self._on_sides(name, part.rate)) for name, part in plain.statement.states.items()
         }
-        self.statement = replace(plain.statement, states=states)
+        self.statement = replace(plain.statement, states=states, mass=self._masses())
+        self.mass = self.statement.mass
+        if self.mass is not plain.statement.mass:  # units of energies are asked of masses
+            sides = {side(i): NONE for i, switch in enumerate(switches) if not switch.drive}
+            self.dimensions = plain.dimensions | sides
 
     def replace(self, **sections: Mapping[str, Any]) -> Model:
         """Return the plain model with some entries replaced; see `Model.replace`."""
@@ -48,7 +63,8 @@ class RegimeModel(Model):
 
     def with_statement(self, statement: Statement) -> Model:
         """Return the plain model of another statement, whose rates stay; see `Model.with_statement`."""
-        return self.plain.with_statement(replace(statement, states=self.plain.statement.states))
+        plain = self.plain.statement
+        return self.plain.with_statement(replace(statement, states=plain.states, mass=plain.mass))
 
     @cached_property
     def digest(self) -> str:
@@ -71,6 +87,15 @@ class RegimeModel(Model):
             }
             for term, components in terms.items()
         }
+
+    def _masses(self) -> Sequence[tuple[Node, ...]]:
+        """Return the mass matrix, with the sides of switches in place of signs and comparisons."""
+        mass, owner = self.plain.statement.mass, owner_of_masses(self.plain)
+        if not any(switch.owner == owner and not switch.drive for switch in self.switches):
+            return mass
+        if isinstance(mass, Diagonal):
+            return Diagonal(mass.names, {name: self._on_sides(owner, mass.own(i)) for i, name in enumerate(mass.names)})
+        return tuple(tuple(self._on_sides(owner, entry) for entry in row) for row in mass)
 
     def _on_sides(self, owner: str, tree: Node) -> Node:
         sides = {

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from xdynamics.expressions import Along, Call, Node, text_of
+from xdynamics.expressions import CALLED_ALONE, Along, Call, Node, text_of
 from xdynamics.expressions.tree import every
 from xdynamics.faults import spoken
 from xdynamics.model.elements import Elements
-from xdynamics.model.kinks import SWITCHING, kinks_of_call
+from xdynamics.model.kinks import SWITCHING, kinks_of_call, turned
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.shapes import at, dims_of
@@ -60,11 +60,16 @@ def named(
     homes = _homes(model, owner, functions) if model.shapes.dims and len(functions) <= MOST_COUNTED else {}
     numbers: dict[str, dict[Node, int]] = {}
     for name, function in functions:
-        home = homes.get((name, function)) or Home(function, spoken(text_of(function)))
+        home = homes.get((name, function)) or Home(function, spoken(_written(name, function)))
         known = numbers.setdefault(name, {})
         number = known.setdefault(home.written, len(known) + 1)
         word = f"{owner}.{name}_{number}" if number > 1 else f"{owner}.{name}"
         yield model.shapes.element(word, home.place, home.dims), home.text, home.dims
+
+
+def _written(name: str, function: Node) -> str:
+    """Print the function of a switch or, of one that jumps at whole numbers, the call itself."""
+    return text_of(turned(name, function) if name in CALLED_ALONE else function)
 
 
 def _homes(model: Model, owner: str, functions: Sequence[tuple[str, Node]]) -> dict[tuple[str, Node], Home]:
@@ -87,7 +92,7 @@ def _of_node(node: Node, model: Model) -> Iterator[tuple[Node, Home]]:
     shapes = model.shapes
     if isinstance(node, Call) and node.function in SWITCHING:
         for function, _, _ in kinks_of_call(node):
-            dims, text = dims_of(function, shapes), text_of(function)
+            dims, text = dims_of(function, shapes), _written(node.function, function)
             for place in shapes.places(dims):
                 yield at(function, place, shapes), Home(function, text, dims, place)
     elif isinstance(node, Along) and node.function in SWITCHING:
@@ -103,7 +108,10 @@ def _trees_with_dims(model: Model, owner: str) -> Iterator[Node]:
     """Yield what a force is for every coordinate, or the rate of a state, with definitions substituted."""
     whole = model.shaped
     force = whole.forces.get(owner)
-    trees = [whole.states[owner].rate] if force is None else Elements(whole, model.shapes).acting(force).values()
+    if force is not None:
+        trees = Elements(whole, model.shapes).acting(force).values()
+    else:  # the rate of a state, or the masses
+        trees = [whole.states[owner].rate] if owner in whole.states else [*whole.mass_entries.values()]
     for tree in trees:
         if not isinstance(tree, Function):
             yield expanded(tree, whole.definitions, model.shapes)

@@ -1,4 +1,4 @@
-"""Switches hidden in forces: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
+"""Switches hidden in forces and masses: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
 
 `floor`, `ceil`, `round` and `mod` switch where they jump. On either side a force is smooth, across the switch it is not:
 no method keeps its order over a step that passes one. The same holds for a measured table of a coordinate or velocity with linear or piecewise constant interpolation.
@@ -17,7 +17,9 @@ from xdynamics.expressions import (
     Call,
     Compare,
     Name,
+    Negative,
     Node,
+    exponent_of,
     free_names,
 )
 from xdynamics.expressions.calculus import ZERO
@@ -26,6 +28,7 @@ from xdynamics.model.delays import is_before
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
+from xdynamics.model.one_sided_trees import FAR
 from xdynamics.model.parts import Function
 from xdynamics.model.switch_names import MOST_COUNTED, named
 from xdynamics.schema import velocity
@@ -212,6 +215,26 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, ou
     return result
 
 
+def bounded(model: Model, function: Node) -> Node:
+    """Return the function of a switch with a large number in place of infinity, if it may be infinite.
+
+    Of ``min(F, P/v)`` at v = 0 one side is known, and has a value.
+    """
+    if not any(_has_pole(model, node) for node in every(function)):
+        return function
+    return Call("min", (Call("max", (function, Negative(FAR))), FAR))
+
+
+def _has_pole(model: Model, node: Node) -> bool:
+    match node:
+        case Binary(operator="/"):
+            return _moves(model, node.right)
+        case Binary(operator="**"):
+            exponent = exponent_of(node.right)
+            return (exponent is None or exponent < 0) and _moves(model, node.left)
+    return isinstance(node, Call) and node.function == "log" and _moves(model, node)
+
+
 def _bent(model: Model, trees: Iterator[Node]) -> list[str]:
     """Return the drives in some trees with a kink or jump at points of their tables that the motion passes."""
     names = {name for tree in trees for name in free_names(tree)}
@@ -271,6 +294,31 @@ def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], It
     for name, state in model.shaped.states.items():
         if state.smooth == smooth:
             yield name, partial(_rates, model, name)
+    if not smooth:
+        yield owner_of_masses(model), partial(_masses, model)
+
+
+def owner_of_masses(model: Model) -> str:
+    """Return what the switches in masses are of, by name: a force or state may be called ``mass``."""
+    return "mass_matrix" if "mass" in model.shaped.forces or "mass" in model.shaped.states else "mass"
+
+
+def _masses(model: Model) -> Iterator[Node]:
+    """Yield the masses that may switch, definitions substituted; of elements all, if the whole may."""
+    if model.shapes.dims and not _call_any(masses_of_wholes(model), SWITCHING) and model.shaped.lagrangian is None:
+        return
+    for entry in model.statement.mass_entries.values():
+        tree = model.expanded(entry)
+        if model.drives or _call_any([tree], SWITCHING):
+            yield tree
+
+
+def masses_of_wholes(model: Model) -> list[Node]:
+    """Return the masses of a model with dimensions; none where they are derived from energies."""
+    whole = model.shaped
+    return (
+        [expanded(tree, whole.definitions, model.shapes) for tree in whole.mass_entries.values()] if whole.mass else []
+    )
 
 
 def _written_out(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
@@ -296,6 +344,7 @@ def _wholes(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
         yield name, [expanded(tree, whole.definitions, model.shapes) for tree in trees], force.smooth
     for name, state in whole.states.items():
         yield name, [expanded(state.rate, whole.definitions, model.shapes)], state.smooth
+    yield owner_of_masses(model), masses_of_wholes(model), False
 
 
 def _call_any(trees: list[Node], functions: tuple[str, ...]) -> bool:

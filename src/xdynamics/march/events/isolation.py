@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import nan
 
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called, enclosed_by
@@ -43,6 +43,8 @@ from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.march.trial_step import copy, substep
 from xdynamics.model.detectors import GAP
+
+INFINITE = 1e299  # the function of a switch is no larger than 1e300 at a pole; see `model.switches.bounded`
 
 
 @shared
@@ -81,7 +83,7 @@ def isolate(run: Run, final: bool) -> bool:
     for i in range(run.watches.shape[0]):
         watch = run.watches[i]
         watch.zone, watch.hit, watch.forced, watch.broken, watch.began = -1.0, NONE, 0, SMOOTH, watch.armed
-        watch.greatest = max(abs(run.g[i]), abs(run.g1[i]))
+        watch.greatest = max(below_infinity(run.g[i]), below_infinity(run.g1[i]))
     grow_branch(run, 0, run.trial[0].h)
     copy(run.z, run.full)
     copy(run.e, run.full_e)
@@ -106,6 +108,12 @@ def isolate(run: Run, final: bool) -> bool:
             copy(run.far, run.near)
             copy(run.far_g, run.near_g)
     return False
+
+
+@compiled
+def below_infinity(value: float) -> float:
+    """Return the size of a value, and 0 for the large number in place of infinity: beside that all others are zero."""
+    return abs(value) if abs(value) < INFINITE else 0.0
 
 
 @shared

@@ -15,11 +15,13 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
 from xdynamics.march.events.one_sided_rates import moment, step_ahead
+from xdynamics.march.events.root_finding import kind_of, passed
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.schema import JUMP
 
 State = NDArray[Any]
 
@@ -164,7 +166,10 @@ def keep_pieces(run: Run, moved: bool, landed: bool) -> bool:
 def slides(run: Run) -> bool:
     """Whether the motion is driven back to a switch at which a force jumps, as it was on the side before.
 
-    For a table, the side after the switch is inside the next piece, where its function is positive again.
+    For a table, the side after the switch is inside the next piece, where its function is positive again. At a switch
+    where a force has a kink, being driven back is rest: with ``sign(v)*sqrt(abs(v))`` a motion is at zero after a
+    finite time. What the force on the side beyond does to it in a step counts as zero from there on. Nothing drives time
+    back, nor a function that has jumped over zero: that of ``where(mod(q, b) < b/2, …)``.
     """
     sliding = False
     set_time(run, T, run.trial[0].t)
@@ -172,7 +177,11 @@ def slides(run: Run) -> bool:
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
+            if detector.of_time or kind_of(run, i) == JUMP or not passed(run, i, run.g1[i]):
+                continue  # a trial that solves equations anew may end before a switch that it was to end behind
             sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
+        elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
+            watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0
     return sliding
 
 

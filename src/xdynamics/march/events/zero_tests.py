@@ -175,10 +175,11 @@ def stays_within(run: Run, i: int, size: float, w: float) -> bool:
 def idles(run: Run, i: int, size: float) -> bool:
     """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between.
 
-    So is the gap of an open contact that lingers: nothing would move it farther on the way.
+    So is the gap of an open contact that lingers: nothing would move it farther on the way. A switch is none of these:
+    a sine of time is zero at both ends of its period, and in the middle.
     """
     watch, detector = run.watches[i], run.detectors[i]
-    quiet = detector.role != GAP or run.lingering[detector.reaction] > 0.0
+    quiet = detector.reaction >= 0 and (detector.role != GAP or run.lingering[detector.reaction] > 0.0)
     largest = max(abs(run.near_g[i]), abs(run.far_g[i]))
     return watch.guard != 0 and watch.armed == 0 and quiet and largest <= size
 

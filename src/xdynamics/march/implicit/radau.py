@@ -155,6 +155,8 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, way: int) -> bo
         if not abs(h - kept.factored) <= constants.SAME_STEP * h and not factorise_both(run, h):
             verdict = IN_VAIN
             continue
+        if turn == 0:  # factors of nearly the same step correct no better than that, whatever earlier ones did
+            kept.eta = max(kept.eta, abs(h - kept.factored) / h)
         size, turn = correct(run, t, h, y, sample, way == WEIGHED), turn + 1
         if not following:
             verdict = judged(run, size, turn)

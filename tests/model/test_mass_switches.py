@@ -1,0 +1,112 @@
+"""Jumps and kinks in masses, mass matrices and energies: located as those of forces, with the velocity kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.model.switches import STEPPED_OVER, switches
+
+JUMP = "where(t < 10*second, 50*kilogram, 10*kilogram)"
+METHODS = ("dormand_prince", "rk4", "radau_iia", "taylor", "velocity_verlet", "implicit_midpoint")
+
+
+def steps(method: str) -> dict[str, object]:
+    """Return given steps for the methods of low order, of which none ends at the jump."""
+    return {"rtol": 1e-10} if method in ("dormand_prince", "radau_iia", "taylor") else {"step": "0.03 s"}
+
+
+def cart(**sections: object) -> xd.Model:
+    """A cart that 100 N push from rest."""
+    whole = {
+        "name": "cart",
+        "parameters": {"F": "100 N"},
+        "coordinates": {"x": "m"},
+        "mass": {"x": JUMP},
+        "forces": {"push": {"x": "F"}},
+        "initial": {"x": "0 m", "v_x": "0 m s-1"},
+    }
+    return xd.Model(**{key: entry for key, entry in (whole | sections).items() if entry is not None})
+
+
+LAGRANGIAN = {"mass": None, "forces": None, "lagrangian": {"kinetic": f"{JUMP}*v_x**2/2", "potential": "-F*x"}}
+
+
+@pytest.mark.parametrize("sections", [{}, LAGRANGIAN], ids=["mass", "lagrangian"])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_mass_that_jumps_keeps_the_velocity(method: str, sections: dict[str, object]) -> None:
+    """Assert 2 m/s2 for 10 s, then 10 m/s2: 70 m/s and 325 m, to rounding where the method is exact."""
+    run = xd.simulate(cart(**sections), method=method, until="15 s", **steps(method))
+    assert run["event_time"].values.tolist() == pytest.approx([10.0], abs=1e-10)
+    assert float(run["v_x"][-1]) == pytest.approx(70.0, abs=1e-9)
+    assert float(run["x"][-1]) == pytest.approx(325.0, abs=1e-8)
+    before, after = int(run["event_row_before"][0]), int(run["event_row_after"][0])
+    assert float(run["v_x"][before]) == float(run["v_x"][after])
+    assert (float(run["a_x"][before]), float(run["a_x"][after])) == pytest.approx((2.0, 10.0))
+
+
+def test_a_mass_stepped_over_is_known_to_be() -> None:
+    """Assert that only switches = "stepped over" steps over the jump, with its error."""
+    run = xd.simulate(cart(), method="rk4", step="0.03 s", until="15 s", switches=STEPPED_OVER)
+    assert abs(float(run["v_x"][-1]) - 70.0) > 1e-3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_entry_of_a_matrix_jumps(method: str) -> None:
+    """Assert speeds by the inverse of either matrix."""
+    matrix = [[JUMP, "1*kilogram"], ["1*kilogram", "20*kilogram"]]
+    model = cart(
+        coordinates={"x": "m", "y": "m"},
+        mass={"matrix": matrix},
+        initial={"x": "0 m", "y": "0 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+    )
+    run = xd.simulate(model, method=method, until="15 s", **steps(method))
+    first, second = (np.linalg.solve([[m, 1.0], [1.0, 20.0]], [100.0, 0.0]) for m in (50.0, 10.0))
+    end = [float(run["v_x"][-1]), float(run["v_y"][-1])]
+    assert end == pytest.approx((10 * first + 5 * second).tolist(), abs=1e-9)
+
+
+def test_masses_of_elements_jump_each_at_its_time() -> None:
+    """Assert both bodies' speeds and an event for each of them."""
+    model = cart(
+        dimensions={"body": 2},
+        coordinates={"x": {"unit": "m", "dims": ["body"]}},
+        mass={"x": "where(t < 10*second + index(body)*second, 50*kilogram, 10*kilogram)"},
+        initial={"x": "0*metre*index(body)", "v_x": "0*metre/second*index(body)"},
+    )
+    run = xd.simulate(model, method="rk4", step="0.03 s", until="15 s")
+    assert run["event_time"].values.tolist() == pytest.approx([10.0, 11.0], abs=1e-10)
+    assert run["v_x"][-1].values.tolist() == pytest.approx([70.0, 62.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("method", ["dormand_prince", "radau_iia", "taylor"])
+def test_a_kink_along_the_way_is_located(method: str) -> None:
+    """Assert the momentum's own law where a wagon takes up more from a place on: v from the work and a frozen mass."""
+    model = cart(mass={"x": "where(x < 100*metre, 50*kilogram, 10*kilogram)"})
+    run = xd.simulate(model, method=method, rtol=1e-10, until="15 s")
+    time = float(run["event_time"][0])
+    assert time == pytest.approx(10.0, abs=1e-8)
+    assert float(run["v_x"][-1]) == pytest.approx(70.0, abs=1e-7)
+
+
+def test_a_force_named_mass_keeps_its_name() -> None:
+    """Assert that switches of a force called `mass` and those of masses are told apart."""
+    model = cart(forces={"mass": {"x": "F*sign(x - 1*metre)"}})
+    assert [switch.name for switch in switches(model)] == ["mass.sign", "mass_matrix.where"]
+
+
+def test_a_reset_says_what_else_is_kept() -> None:
+    """Assert that the momentum is kept where a reset at the jump says so."""
+    model = cart(
+        events={
+            "lightened": {
+                "function": "t - 10*second",
+                "direction": "rising",
+                "action": "reset",
+                "set": {"v_x": "v_x*(50/10)"},
+            }
+        }
+    )
+    run = xd.simulate(model, method="rk4", step="0.03 s", until="15 s")
+    assert float(run["v_x"][-1]) == pytest.approx(150.0, abs=1e-8)
