@@ -25,7 +25,6 @@ from scipy.special import beta, ellipk
 
 import xdynamics as xd
 
-# ruff: noqa: E501
 G = 9.81
 STANDARD_G = 9.80665
 
@@ -102,7 +101,9 @@ def flows(rates: dict[str, tuple[str, str]], parameters: dict[str, str], **secti
     """State quantities with a start and a rate each."""
     return {
         "parameters": parameters,
-        "states": {name: {"unit": start.partition(" ")[2] or "1", "rate": rate} for name, (start, rate) in rates.items()},
+        "states": {
+            name: {"unit": start.partition(" ")[2] or "1", "rate": rate} for name, (start, rate) in rates.items()
+        },
         "initial": {name: start for name, (start, _) in rates.items()},
     } | sections
 
@@ -110,6 +111,21 @@ def flows(rates: dict[str, tuple[str, str]], parameters: dict[str, str], **secti
 def floor(q: str = "y", restitution: float = 0, **more: Any) -> dict[str, Any]:
     """State a contact with a floor at 0."""
     return {"floor": {"gap": q, "restitution": restitution} | more}
+
+
+def reset(function: str, direction: str = "either", **values: str) -> dict[str, Any]:
+    """State an event that sets values anew."""
+    return {"function": function, "direction": direction, "action": "reset", "set": values}
+
+
+def switch(function: str, direction: str, to: str) -> dict[str, Any]:
+    """State an event that goes over to a regime."""
+    return {"function": function, "direction": direction, "action": "switch", "to": to}
+
+
+def stop(function: str, direction: str = "either") -> dict[str, Any]:
+    """State an event that ends the run."""
+    return {"function": function, "direction": direction, "action": "stop"}
 
 
 # ------------------------------------------------------------------------------------------- solutions that recur below
@@ -190,9 +206,11 @@ def boxes() -> Iterator[Everyday]:
     first_y, first_v = pushed([(0.5, 12 - G)])
     yield Everyday(
         "hopper_thrown_by_pulses",
-        line("y", {"gravity": GRAVITY, "coil": "where(mod(t, 1*second) < 0.5*second, 0*newton, 12*newton)"}, contacts=floor()),
+        line("y", {"gravity": GRAVITY, "coil": "where(mod(t, 1*second) < 0.5*second, 0*newton, 12*newton)"},
+             contacts=floor()),
         "1.9 s",
-        {"y": y, "v_y": v, "event_time_floor": 1 + (first_v + sqrt(first_v**2 + 2 * G * first_y)) / G, "takeoff_time_floor": 0.5},
+        {"y": y, "v_y": v, "impact_time_floor": 1 + (first_v + sqrt(first_v**2 + 2 * G * first_y)) / G,
+         "takeoff_time_floor": 0.5},
         "thrown at 0.5 s, back on the floor before 1.5 s",
     )
     start = 20 * STANDARD_G / 150
@@ -205,7 +223,8 @@ def boxes() -> Iterator[Everyday]:
     table = {"table": "lift.csv", "csv": "t [s],lift [N]\n0,0\n0.5,75\n1.5,225\n3,450\n"}
     yield Everyday(
         "crate_lifted_by_a_measured_force",
-        line("z", {"gravity": GRAVITY, "pull": "lift"}, **crate | {"parameters": {"g": "9.80665 m s-2"}}, drives={"lift": table}),
+        line("z", {"gravity": GRAVITY, "pull": "lift"}, **crate | {"parameters": {"g": "9.80665 m s-2"}},
+             drives={"lift": table}),
         "2 s", {"z": 150 * (2 - start) ** 3 / 120, "takeoff_time_floor": start}, "the same force as a table",
     )
     start = 3 * G / 15
@@ -243,7 +262,8 @@ def boxes() -> Iterator[Everyday]:
     yield Everyday(
         "cylinder_between_stops",
         line("x", {"air": "where(t < 1*second, -10*newton, 10*newton)"}, parameters={"L": "0.5 m"}, contacts=stops),
-        "2 s", {"x": 0.5, "event_time_right": 1 + sqrt(0.1), "contact_force_right": 10.0}, "half a metre at 10 m s-2 from 1 s on",
+        "2 s", {"x": 0.5, "event_time_right": 1 + sqrt(0.1), "contact_force_right": 10.0},
+        "half a metre at 10 m s-2 from 1 s on",
     )
     yield Everyday(
         "magnet_valve",
@@ -302,9 +322,10 @@ def rubbing() -> Iterator[Everyday]:
     )
     x, v = pushed([(2, 5 - G)])
     yield Everyday(
-        "load_on_a_brake_that_is_eased",
-        line("y", {"gravity": GRAVITY}, frictions={"brake": {"slip": "v_y", "kinetic": "where(t < 1*second, 20*newton, 5*newton)"}}),
-        "3 s", {"y": x, "v_y": v}, "held by 20 N, braked by 5 N from 1 s on",
+        "load_whose_rope_is_cut",
+        line("y", {"gravity": GRAVITY, "rope": "where(t < 1*second, m*g, 0*newton)"},
+             frictions={"guide": {"slip": "v_y", "kinetic": "5*newton"}}),
+        "3 s", {"y": x, "v_y": v, "slip_time_guide": 1.0}, "falls by m g less the 5 N of its guide",
     )
     yield Everyday(
         "motor_with_a_bearing",
@@ -361,7 +382,8 @@ def rubbing() -> Iterator[Everyday]:
     yield Everyday(
         "block_laid_on_a_belt",
         line("x", {}, frictions={"belt": {"slip": "v_x - 1*metre/second", "kinetic": "0.3*m*g"}}),
-        "2 s", {"x": 2 - 1 / (2 * 0.3 * G), "v_x": 1.0, "stick_time_belt": 1 / (0.3 * G)}, "mu g up to the belt's speed",
+        "2 s", {"x": 2 - 1 / (2 * 0.3 * G), "v_x": 1.0, "stick_time_belt": 1 / (0.3 * G)},
+        "mu g up to the belt's speed",
     )
     yield Everyday(
         "block_that_stays_on_a_slope",
@@ -370,8 +392,10 @@ def rubbing() -> Iterator[Everyday]:
     )
     yield Everyday(
         "spring_that_sticks_aside",
-        line("x", {"spring": "-100*newton/metre*x"}, "0.1 m", frictions={"pad": {"slip": "v_x", "kinetic": "2*newton", "static": "2.5*newton"}}),
-        "2 s", {"x": 0.02, "v_x": 0.0, "event_time_pad": pi / 10}, "4 cm less each half swing: 10, -6, 2 cm", step="3 ms",
+        line("x", {"spring": "-100*newton/metre*x"}, "0.1 m", frictions={"pad": {"slip": "v_x", "kinetic": "2*newton",
+            "static": "2.5*newton"}}),
+        "2 s", {"x": 0.02, "v_x": 0.0, "event_time_pad": pi / 10}, "4 cm less each half swing: 10, -6, 2 cm",
+        step="3 ms",
     )
     yield Everyday(
         "flywheel_braked",
@@ -381,7 +405,7 @@ def rubbing() -> Iterator[Everyday]:
     )
     yield Everyday(
         "car_braked_to_a_stop",
-        line("x", {"brake": "-2*newton"}, "0 m", "20 m s-1", events={"halt": {"function": "v_x", "direction": "falling", "action": "stop"}}),
+        line("x", {"brake": "-2*newton"}, "0 m", "20 m s-1", events={"halt": stop("v_x", "falling")}),
         "20 s", {"x": 100.0, "event_time_halt": 10.0}, "v0^2/(2 a)", outcome="stopped_by_event", step="70 ms",
     )
 
@@ -395,8 +419,8 @@ def switched() -> Iterator[Everyday]:
         "block_of_two_regimes",
         line("x", {"ahead": "-2*newton", "back": "2*newton"}, "0 m", "1 m s-1",
              regimes={"forward": {"forces": ["ahead"]}, "backward": {"forces": ["back"]}},
-             events={"turn": {"function": "v_x", "direction": "falling", "action": "switch", "to": "backward"},
-                     "ahead_again": {"function": "v_x", "direction": "rising", "action": "switch", "to": "forward"}}),
+             events={"turn": switch("v_x", "falling", "backward"),
+                     "ahead_again": switch("v_x", "rising", "forward")}),
         "3 s", {"x": 0.25, "v_x": 0.0, "event_time_turn": 0.5}, "v0^2/(2 a), at rest", outcome="sliding_mode",
     )
     yield Everyday(
@@ -409,8 +433,8 @@ def switched() -> Iterator[Everyday]:
     yield Everyday(
         "thermostat_without_hysteresis",
         flows({"T": ("290 K", heat), "h": ("1", "0/second")}, {"tau": "100 s"},
-              events={"cold": {"function": "T - 295*kelvin", "direction": "falling", "action": "reset", "set": {"h": "1"}},
-                      "warm": {"function": "T - 295*kelvin", "direction": "rising", "action": "reset", "set": {"h": "0"}}}),
+              events={"cold": reset("T - 295*kelvin", "falling", h="1"),
+                      "warm": reset("T - 295*kelvin", "rising", h="0")}),
         "600 s", {"T": 295.0, "accumulation_time": reached}, "330 K - 40 K exp(-t/tau) = 295 K, and held there",
         outcome="event_accumulation", step="0.7 s",
     )
@@ -424,22 +448,24 @@ def switched() -> Iterator[Everyday]:
     yield Everyday(
         "thermostat_with_hysteresis",
         flows({"T": ("290 K", heat), "h": ("1", "0/second")}, {"tau": "100 s"},
-              events={"cold": {"function": "T - 294*kelvin", "direction": "falling", "action": "reset", "set": {"h": "1"}},
-                      "warm": {"function": "T - 296*kelvin", "direction": "rising", "action": "reset", "set": {"h": "0"}}}),
+              events={"cold": reset("T - 294*kelvin", "falling", h="1"),
+                      "warm": reset("T - 296*kelvin", "rising", h="0")}),
         "60 s",
-        {"T": relaxed(290, 100, zip([*times, 60 - sum(times)], [on, off, on, off, on, off], strict=True)), "h": 0.0, "event_time_warm": times[0]},
+        {"T": relaxed(290, 100, zip([*times, 60 - sum(times)], [on, off, on, off, on, off], strict=True)), "h": 0.0,
+         "event_time_warm": times[0]},
         "exponentials between 294 K and 296 K", step="0.7 s",
     )
     yield Everyday(
         "control_by_two_regimes",
         line("x", {"pull": "-1*newton", "push": "1*newton", "drag": "-2*newton*second/metre*v_x"}, "0.3 m",
              regimes={"right": {"forces": ["pull", "drag"]}, "left": {"forces": ["push", "drag"]}},
-             events={"down": {"function": "x + 0.5*second*v_x", "direction": "falling", "action": "switch", "to": "left"},
-                     "up": {"function": "x + 0.5*second*v_x", "direction": "rising", "action": "switch", "to": "right"}}),
-        "3 s", {"x": 0.25 * (1 - exp(-1.2)), "event_time_down": 0.6}, "x + v/2 falls by 0.5 m s-1 and would rise by 0.5 m s-1",
+             events={"down": switch("x + 0.5*second*v_x", "falling", "left"),
+                     "up": switch("x + 0.5*second*v_x", "rising", "right")}),
+        "3 s", {"x": 0.25 * (1 - exp(-1.2)), "event_time_down": 0.6},
+        "x + v/2 falls by 0.5 m s-1 and would rise by 0.5 m s-1",
         outcome="sliding_mode",
     )
-    bounce = {"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-0.5*v_y"}}}
+    bounce = {"floor": reset("y", "falling", v_y="-0.5*v_y")}
     yield Everyday(
         "ball_by_reset_through_its_zeno_time", line("y", {"gravity": GRAVITY}, "1 m", events=bounce),
         "3 s", {"y": 0.0, "v_y": 0.0, "accumulation_time": 3 * sqrt(2 / G)}, "sqrt(2 h/g) (1 + e)/(1 - e)",
@@ -448,29 +474,31 @@ def switched() -> Iterator[Everyday]:
     t, v = sqrt(2 / G), G * sqrt(2 / G) / 2
     y, v = pushed([(1 - 2 * t, -G)], 0, v / 2)
     yield Everyday(
-        "ball_by_reset", line("y", {"gravity": GRAVITY}, "1 m", events={"floor": {"function": "y", "action": "reset", "set": {"v_y": "-0.5*v_y"}}}),
+        "ball_by_reset", line("y", {"gravity": GRAVITY}, "1 m",
+                              events={"floor": reset("y", v_y="-0.5*v_y")}),
         "1 s", {"y": y, "v_y": v, "event_time_floor": t}, "bounces at 1 and 2 times sqrt(2 h/g)",
     )
-    feed = {"dry_1": {"function": "h1", "direction": "falling", "action": "reset", "set": {"feed": "1"}},
-            "dry_2": {"function": "h2", "direction": "falling", "action": "reset", "set": {"feed": "0"}}}
+    feed = {"dry_1": reset("h1", "falling", feed="1"),
+            "dry_2": reset("h2", "falling", feed="0")}
     yield Everyday(
         "two_tanks_and_one_hose",
         flows({"h1": ("1 m", "w*feed - v"), "h2": ("1 m", "w*(1 - feed) - v"), "feed": ("1", "0/second")},
               {"w": "0.75 m s-1", "v": "0.5 m s-1"}, events=feed),
-        "10 s", {"h1": 0.0, "h2": 0.0, "accumulation_time": 8.0}, "both together lose 0.25 m s-1 of 2 m: Zeno's automaton",
+        "10 s", {"h1": 0.0, "h2": 0.0, "accumulation_time": 8.0},
+        "both together lose 0.25 m s-1 of 2 m: Zeno's automaton",
         outcome="event_accumulation", step="70 ms",
     )
-    kick = {"kick": {"function": "t - tr", "direction": "rising", "action": "reset", "set": {"v_x": "v_x + 1*metre/second"}}}
+    kick = {"kick": reset("t - tr", "rising", v_x="v_x + 1*metre/second")}
     yield Everyday(
         "kick_at_the_start", line("x", {}, parameters={"tr": "0 s"}, events=kick),
         "3 s", {"x": 3.0, "event_time_kick": 0.0}, "1 m s-1 from tr = 0 on", axis=("tr", "0 s", "1 s"),
     )
-    ground = {"ground": {"function": "y", "direction": "falling", "action": "stop"}}
+    ground = {"ground": stop("y", "falling")}
     yield Everyday(
         "ball_let_go_on_the_ground", line("y", {"gravity": GRAVITY}, events=ground),
         "2 s", {"y": 0.0, "event_time_ground": 0.0}, "it falls at once", outcome="stopped_by_event",
     )
-    ground = {"ground": {"function": "y", "action": "stop"}}
+    ground = {"ground": stop("y")}
     yield Everyday(
         "ball_thrown_from_the_ground", line("y", {"gravity": GRAVITY}, "0 m", "5 m s-1", events=ground),
         "2 s", {"v_y": -5.0, "event_time_ground": 10 / G}, "2 v/g: its start is no passage", outcome="stopped_by_event",
@@ -481,14 +509,17 @@ def switched() -> Iterator[Everyday]:
         "parachute",
         line("y", {"gravity": GRAVITY, "drag": "-2*kilogram/second*v_y"}, "20 m",
              regimes={"fall": {"forces": ["gravity"]}, "open": {"forces": ["gravity", "drag"]}},
-             events={"cord": {"function": "y - 5*metre", "direction": "falling", "action": "switch", "to": "open"}}),
-        "2 s", {"y": 5 - G / 2 * s + (G / 2 - v) * (1 - exp(-2 * s)) / 2, "v_y": -G / 2 + (G / 2 - v) * exp(-2 * s), "event_time_cord": t},
+             events={"cord": switch("y - 5*metre", "falling", "open")}),
+        "2 s", {"y": 5 - G / 2 * s + (G / 2 - v) * (1 - exp(-2 * s)) / 2, "v_y": -G / 2 + (G / 2 - v) * exp(-2 * s),
+                "event_time_cord": t},
         "free for 15 m, then by linear drag",
     )
     yield Everyday(
         "pendulum_released",
-        rotor("1 kg m2", {"gravity": "-9.81*newton*metre*sin(q)"}, events={"turn": {"function": "v_q"}}) | {"initial": {"q": "1 rad"}},
-        "2 s", {"event_time_turn": 2 * ellipk(sin(0.5) ** 2) / sqrt(G)}, "half a period: 2 sqrt(l/g) K(sin^2(q0/2)); at rest at the start",
+        rotor("1 kg m2", {"gravity": "-9.81*newton*metre*sin(q)"},
+              events={"turn": {"function": "v_q"}}) | {"initial": {"q": "1 rad"}},
+        "2 s", {"event_time_turn": 2 * ellipk(sin(0.5) ** 2) / sqrt(G)},
+        "half a period: 2 sqrt(l/g) K(sin^2(q0/2)); at rest at the start",
     )
     bell = {"bell": {"every": "1 s", "phase": "0 s", "action": "reset", "set": {"v_x": "v_x + 1*metre/second"}}}
     yield Everyday(
@@ -506,9 +537,10 @@ def switched() -> Iterator[Everyday]:
         "rocket_of_two_regimes",
         line("y", {"gravity": GRAVITY, "thrust": "30*newton"},
              regimes={"boost": {"forces": ["gravity", "thrust"]}, "coast": {"forces": ["gravity"]}},
-             events={"burnout": {"function": "t - 2*second", "direction": "rising", "action": "switch", "to": "coast"},
+             events={"burnout": switch("t - 2*second", "rising", "coast"),
                      "apogee": {"function": "v_y", "direction": "falling"}}),
-        "7 s", dict(zip(("y", "v_y"), pushed([(2, 30 - G), (5, -G)]), strict=True)) | {"event_time_apogee": 2 + 2 * (30 - G) / G},
+        "7 s", dict(zip(("y", "v_y"), pushed([(2, 30 - G), (5, -G)]),
+                        strict=True)) | {"event_time_apogee": 2 + 2 * (30 - G) / G},
         "two parabolas", axis=("m", "1 kg", "1.1 kg"),
     )
 
@@ -523,7 +555,8 @@ def rooted() -> Iterator[Everyday]:
                 "hertz_by_abs": "k*((abs(x) - x)/2/L)**1.5", "hertz_potential": {"potential": "0.4*k*L*(max(-x, 0*metre)/L)**2.5"}}
     for name, law in on_hertz.items():
         yield Everyday(
-            f"ball_on_{name}", line("x", {"gravity": GRAVITY, "floor": law}, "1 m", parameters={"k": "1 MN", "L": "1 m"}),
+            f"ball_on_{name}", line("x", {"gravity": GRAVITY, "floor": law}, "1 m",
+                                    parameters={"k": "1 MN", "L": "1 m"}),
             "3 s", HERTZ, "scipy by pieces; x = 0.66267798 m", step="0.1 ms", within=1e-5,
         )
     yield Everyday(
@@ -549,12 +582,14 @@ def rooted() -> Iterator[Everyday]:
     )
     yield Everyday(
         "two_vessels_level_out",
-        flows({"h1": ("1 m", "-c*sign(h1 - h2)*sqrt(abs(h1 - h2)*1*metre)"), "h2": ("0 m", "c*sign(h1 - h2)*sqrt(abs(h1 - h2)*1*metre)")},
+        flows({"h1": ("1 m", "-c*sign(h1 - h2)*sqrt(abs(h1 - h2)*1*metre)"),
+               "h2": ("0 m", "c*sign(h1 - h2)*sqrt(abs(h1 - h2)*1*metre)")},
               {"c": "0.5 s-1"}),
         "3 s", {"h1": 0.5, "h2": 0.5}, "h1 - h2 = (1 - c t)^2, level at 2 s",
     )
     yield Everyday(
-        "brake_by_a_root", line("x", {"brake": "-c*sign(v_x)*sqrt(abs(v_x)*1*metre/second)"}, "0 m", "1 m s-1", parameters={"c": "1 kg s-1"}),
+        "brake_by_a_root", line("x", {"brake": "-c*sign(v_x)*sqrt(abs(v_x)*1*metre/second)"}, "0 m", "1 m s-1",
+                                parameters={"c": "1 kg s-1"}),
         "3 s", {"x": 2 / 3, "v_x": 0.0}, "(1 - t/2)^2: at rest at 2 s",
     )
     yield Everyday(
@@ -564,12 +599,15 @@ def rooted() -> Iterator[Everyday]:
     )
     yield Everyday(
         "spring_of_power_three_halves",
-        line("x", {"spring": "-k*sign(x)*abs(x/(1*metre))**1.5"}, "1 m", parameters={"k": "1 N"}, events={"middle": {"function": "x"}}),
-        "2 s", {"event_time_middle": 0.4 * beta(0.4, 0.5) / sqrt(0.8)}, "a quarter of a period, by Euler's beta function", within=1e-6,
+        line("x", {"spring": "-k*sign(x)*abs(x/(1*metre))**1.5"}, "1 m", parameters={"k": "1 N"},
+             events={"middle": {"function": "x"}}),
+        "2 s", {"event_time_middle": 0.4 * beta(0.4, 0.5) / sqrt(0.8)},
+        "a quarter of a period, by Euler's beta function", within=1e-6,
     )
     yield Everyday(
         "bungee_of_logarithmic_cord",
-        line("x", {"gravity": "m*g", "cord": "-where(x > L, k*L*log(x/L), 0*newton)"}, m="70 kg", parameters={"k": "200 N m-1", "L": "10 m"}),
+        line("x", {"gravity": "m*g", "cord": "-where(x > L, k*L*log(x/L), 0*newton)"}, m="70 kg",
+             parameters={"k": "200 N m-1", "L": "10 m"}),
         "4 s", {"x": 17.772734039186, "v_x": -14.450410516224}, "scipy by pieces", within=1e-6,
     )
 
@@ -599,30 +637,36 @@ def waves() -> Iterator[Everyday]:
     w = sqrt(2 * pi)
     yield Everyday(
         "rotor_pushed_half_of_each_turn",
-        rotor("1 kg m2", {"push": "where(mod(q, 2*pi) < pi, 1*newton*metre, 0*newton*metre)"}, events={"turn": {"function": "q - 2*pi"}}),
+        rotor("1 kg m2", {"push": "where(mod(q, 2*pi) < pi, 1*newton*metre, 0*newton*metre)"},
+              events={"turn": {"function": "q - 2*pi"}}),
         "5 s", {"q": 3 * pi + sqrt(2) * w * (5 - 1.5 * w - (sqrt(2) - 1) * w), "event_time_turn": 1.5 * w},
         "J w^2/2 gains pi N m in each first half",
     )
-    pwm = {"every": "4 us", "outputs": {"u": {"unit": "V", "start": "0 V", "value": "where(mod(t, 20e-6*second) < 10e-6*second, 12*volt, 0*volt)"}}}
+    pwm = {"every": "4 us", "outputs": {"u": {"unit": "V", "start": "0 V",
+                                              "value": "where(mod(t, 20e-6*second) < 10e-6*second, 12*volt, 0*volt)"}}}
     yield Everyday(
         "pwm_by_ticks", flows({"c": ("0 V", "(u - c)/tau")}, {"tau": "100 us"}, controllers={"pwm": pwm}),
-        "400 us", {"c": relaxed(0, 100, [(12, 12), (8, 0)] * 20)}, "ticks at 0, 4, 8 us of each 20 us are on", step="1.7 us",
+        "400 us", {"c": relaxed(0, 100, [(12, 12), (8, 0)] * 20)}, "ticks at 0, 4, 8 us of each 20 us are on",
+        step="1.7 us",
     )
     mass = "where(t < 10*second, 50*kilogram, 10*kilogram)"
     x, v = pushed([(10, 2), (5, 10)])
     shed = line("x", {"push": "100*newton"}) | {"mass": {"x": mass}}
     yield Everyday("mass_that_drops", shed, "15 s", {"x": x, "v_x": v}, "2 m s-2, then 10 m s-2: 70 m/s", step="70 ms")
     yield Everyday(
-        "mass_matrix_that_drops", shed | {"mass": {"matrix": [[mass]]}}, "15 s", {"x": x, "v_x": v}, "2 m s-2, then 10 m s-2", step="70 ms",
+        "mass_matrix_that_drops", shed | {"mass": {"matrix": [[mass]]}}, "15 s", {"x": x, "v_x": v},
+        "2 m s-2, then 10 m s-2", step="70 ms",
     )
     energy = {key: value for key, value in shed.items() if key != "mass"} | {"lagrangian": {"kinetic": f"{mass}*v_x**2/2"}}
     yield Everyday(
-        "lagrangian_whose_mass_drops", energy, "15 s", {"x": x, "v_x": v}, "2 m s-2, then 10 m s-2: the velocity stays", step="70 ms",
+        "lagrangian_whose_mass_drops", energy, "15 s", {"x": x, "v_x": v},
+        "2 m s-2, then 10 m s-2: the velocity stays", step="70 ms",
     )
     power = {"F": "2 N", "P": "4 W"}
     yield Everyday(
         "car_of_limited_power", line("x", {"engine": "min(F, P/v_x)"}, parameters=power),
-        "2 s", {"x": 1 + (12**1.5 - 8) / 12, "v_x": sqrt(12)}, "2 m s-2 to 2 m/s, then m v^2/2 = P t", axis=("F", "2 N", "3 N"),
+        "2 s", {"x": 1 + (12**1.5 - 8) / 12, "v_x": sqrt(12)}, "2 m s-2 to 2 m/s, then m v^2/2 = P t",
+        axis=("F", "2 N", "3 N"),
     )
     yield Everyday(
         "car_of_given_power", line("x", {"engine": "P/v_x"}, "0 m", "1 um s-1", parameters={"P": "4 W"}),
@@ -634,7 +678,8 @@ def waves() -> Iterator[Everyday]:
     )
     x, v = swung(2, [(1, 0.25), (1, -0.25), (1, 0.25), (1, -0.25), (0.5, 0.25)])
     yield Everyday(
-        "spring_on_a_square_wave", line("x", {"spring": "-4*newton/metre*x", "drive": "1*newton*sign(sin(pi*t/(1*second)))"}),
+        "spring_on_a_square_wave", line("x", {"spring": "-4*newton/metre*x",
+                                              "drive": "1*newton*sign(sin(pi*t/(1*second)))"}),
         "4.5 s", {"x": x, "v_x": v}, "turns about 25 cm and -25 cm", step="3 ms",
     )
     yield Everyday(
@@ -646,12 +691,14 @@ def waves() -> Iterator[Everyday]:
         "3 s", {"x": 4.375, "v_x": 4.5}, "1 N more at 0.5, 1.5, 2.5 s",
     )
     yield Everyday(
-        "infusions", flows({"c": ("0 mg", "where(mod(t, 8*hour) < 1*hour, D, 0*kilogram/hour) - c/tau")}, {"D": "5 mg hour-1", "tau": "4 hour"}),
+        "infusions", flows({"c": ("0 mg", "where(mod(t, 8*hour) < 1*hour, D, 0*kilogram/hour) - c/tau")},
+                           {"D": "5 mg hour-1", "tau": "4 hour"}),
         "24 hour", {"c": relaxed(0, 4, [(1, 20), (7, 0)] * 3)}, "an exponential for each piece", step="170 s",
     )
     x, v = pushed([(1, 10)], 5 / 3, 5)
     yield Everyday(
-        "force_that_ramps_up", line("x", {"push": "10*newton*min(t/(1*second), 1)"}), "2 s", {"x": x, "v_x": v}, "a cubic, then a parabola",
+        "force_that_ramps_up", line("x", {"push": "10*newton*min(t/(1*second), 1)"}), "2 s", {"x": x, "v_x": v},
+        "a cubic, then a parabola",
     )
 
 
@@ -661,11 +708,13 @@ def waves() -> Iterator[Everyday]:
 def balanced() -> Iterator[Everyday]:
     """What stays where it is."""
     yield Everyday(
-        "three_forces_that_cancel", line("x", {"a": "0.1*k*t", "b": "0.2*k*t", "c": "-0.3*k*t"}, parameters={"k": "1 N s-1"}),
+        "three_forces_that_cancel", line("x", {"a": "0.1*k*t", "b": "0.2*k*t", "c": "-0.3*k*t"},
+                                         parameters={"k": "1 N s-1"}),
         "3 s", {"x": 0.0, "v_x": 0.0}, "nothing is left of them", axis=("k", "1 N s-1", "2 N s-1"),
     )
     yield Everyday(
-        "weight_at_rest_on_a_spring", line("x", {"gravity": GRAVITY, "spring": "-k*x"}, "-m*g/k", parameters={"k": "100 N m-1"}),
+        "weight_at_rest_on_a_spring", line("x", {"gravity": GRAVITY, "spring": "-k*x"}, "-m*g/k",
+                                           parameters={"k": "100 N m-1"}),
         "5 s", {"x": -G / 100, "v_x": 0.0}, "m g = k x",
     )
     yield Everyday(
@@ -678,7 +727,8 @@ def balanced() -> Iterator[Everyday]:
             "constraints": {"rod": "hypot(x, y) - L"},
             "initial": {"x": "0 m", "y": "-1 m"},
         },
-        "2 s", {"x": 0.0, "y": -1.0, "constraint_force_rod": -G - 200}, "the rod holds m g + k t", axis=("k", "100 N s-1", "110 N s-1"),
+        "2 s", {"x": 0.0, "y": -1.0, "constraint_force_rod": -G - 200}, "the rod holds m g + k t",
+        axis=("k", "100 N s-1", "110 N s-1"),
     )
 
 
@@ -688,7 +738,8 @@ def balanced() -> Iterator[Everyday]:
 def plain() -> Iterator[Everyday]:
     """The first chapters: falls, springs, strings, rockets, circuits, populations."""
     x, v = pushed([(1, -G)], 2, 5)
-    yield Everyday("ball_thrown_up", line("y", {"gravity": {"potential": "m*g*y"}}, "2 m", "5 m s-1"), "1 s", {"y": x, "v_y": v}, "a parabola")
+    yield Everyday("ball_thrown_up", line("y", {"gravity": {"potential": "m*g*y"}}, "2 m", "5 m s-1"), "1 s",
+                   {"y": x, "v_y": v}, "a parabola")
     yield Everyday(
         "ball_thrown_with_drag",
         {
@@ -707,7 +758,8 @@ def plain() -> Iterator[Everyday]:
     )
     w = sqrt(4 - 0.25)
     yield Everyday(
-        "spring_with_damper", line("x", {"spring": "-k*x", "damper": "-c*v_x"}, "1 m", parameters={"k": "4 N m-1", "c": "1 N s m-1"}),
+        "spring_with_damper", line("x", {"spring": "-k*x", "damper": "-c*v_x"}, "1 m",
+                                   parameters={"k": "4 N m-1", "c": "1 N s m-1"}),
         "3 s", {"x": exp(-1.5) * (cos(3 * w) + sin(3 * w) / (2 * w))}, "exp(-t/2) (cos w t + sin w t/(2 w))",
     )
     rocket_mass = {"mass": {"y": "dry + max(fuel, 0*kilogram)"}}
@@ -723,13 +775,15 @@ def plain() -> Iterator[Everyday]:
     )
     yield Everyday(
         "predator_and_prey",
-        flows({"prey": ("10", "(1 - 0.1*hunters)*prey/second"), "hunters": ("5", "(0.075*prey - 1.5)*r*hunters")}, {"r": "1 s-1"}),
+        flows({"prey": ("10", "(1 - 0.1*hunters)*prey/second"), "hunters": ("5", "(0.075*prey - 1.5)*r*hunters")},
+              {"r": "1 s-1"}),
         "10 s", {"prey": 8.006579917321, "hunters": 11.416191414572}, "scipy, DOP853 at 3e-14", within=1e-6,
     )
     q, i = linear([[0, 1], [-4, -1]], [-0.25, 0], 3)
     yield Everyday(
         "rlc_at_a_battery",
-        flows({"q": ("0 C", "i"), "i": ("0 A", "(U - R*i - q/C)/L")}, {"U": "1 V", "R": "1 ohm", "L": "1 H", "C": "0.25 F"}),
+        flows({"q": ("0 C", "i"), "i": ("0 A", "(U - R*i - q/C)/L")},
+              {"U": "1 V", "R": "1 ohm", "L": "1 H", "C": "0.25 F"}),
         "3 s", {"q": q + 0.25, "i": i}, "the exponential of its matrix",
     )
     speed, current = linear([[-0.1, 1], [-1, -2]], [-10 / 1.2, -1 / 1.2], 2)
@@ -737,14 +791,17 @@ def plain() -> Iterator[Everyday]:
         "motor_on_a_battery",
         rotor("1 kg m2", {"torque": "K*i*newton*metre/ampere", "bearing": "-b*v_q"},
               parameters={"K": "1", "b": "0.1 N m s", "R": "2 ohm", "L": "1 H", "U": "10 V"},
-              states={"i": {"unit": "A", "rate": "(U - R*i - K*v_q*volt*second)/L"}}) | {"initial": {"q": "0 rad", "i": "0 A"}},
+              states={"i": {"unit": "A", "rate": "(U - R*i - K*v_q*volt*second)/L"}}) | {"initial": {"q": "0 rad",
+                  "i": "0 A"}},
         "2 s", {"v_q": speed + 10 / 1.2, "i": current + 1 / 1.2}, "the exponential of its matrix",
     )
     w, fall = sqrt(100 / 70), sqrt(20 * G)
     yield Everyday(
-        "bungee", line("x", {"gravity": "m*g", "cord": "-k*max(x - L, 0*metre)"}, m="70 kg", parameters={"k": "100 N m-1", "L": "10 m"},
-                       events={"lowest": {"function": "v_x", "direction": "falling", "action": "stop"}}),
-        "5 s", {"x": 10 + G / w**2 + hypot(G / w**2, fall / w), "event_time_lowest": sqrt(20 / G) + (pi - atan(fall * w / G)) / w},
+        "bungee", line("x", {"gravity": "m*g", "cord": "-k*max(x - L, 0*metre)"}, m="70 kg",
+                       parameters={"k": "100 N m-1", "L": "10 m"},
+                       events={"lowest": stop("v_x", "falling")}),
+        "5 s", {"x": 10 + G / w**2 + hypot(G / w**2, fall / w),
+                "event_time_lowest": sqrt(20 / G) + (pi - atan(fall * w / G)) / w},
         "a fall of 10 m, then an arc of a circle in x, v/w", outcome="stopped_by_event",
     )
     yield Everyday(
@@ -758,7 +815,7 @@ def plain() -> Iterator[Everyday]:
         },
         "5 s", {"x": cos(5), "y": sin(5)}, "once round in 2 pi", axis=("GM", "1 m3 s-2", "1.1 m3 s-2"),
     )
-    bead, lowest = sqrt(2 - sqrt(2)), sqrt(10 * (2 - sqrt(2)))
+    lowest = sqrt(10 * (2 - sqrt(2)))
     yield Everyday(
         "three_beads_on_a_string",
         {
@@ -768,14 +825,17 @@ def plain() -> Iterator[Everyday]:
             "forces": {"string": {"a": "F*(b - 2*a)/d", "b": "F*(a - 2*b + c)/d", "c": "F*(b - 2*c)/d"}},
             "initial": {"a": "1 cm", "b": {"value": sqrt(2), "unit": "cm"}, "c": "1 cm"},
         },
-        "2 s", {"a": 0.01 * cos(2 * lowest), "b": 0.01 * sqrt(2) * cos(2 * lowest)}, "its lowest mode: w^2 = F/(m d) (2 - sqrt 2)",
+        "2 s", {"a": 0.01 * cos(2 * lowest), "b": 0.01 * sqrt(2) * cos(2 * lowest)},
+        "its lowest mode: w^2 = F/(m d) (2 - sqrt 2)",
     )
     w = 10.0
     period = 0.4 + 2 * pi / w
     yield Everyday(
         "mass_with_play_between_springs",
-        line("x", {"springs": "-k*(max(x - d, 0*metre) - max(-x - d, 0*metre))"}, "0 m", "1 m s-1", parameters={"d": "0.1 m", "k": "100 N m-1"}),
-        "1.5 s", {"x": 0.1 - (1.5 - period - 0.1 - pi / w), "v_x": -1.0}, "free for 0.1 s, half a swing in pi/10 s", step="3 ms",
+        line("x", {"springs": "-k*(max(x - d, 0*metre) - max(-x - d, 0*metre))"}, "0 m", "1 m s-1",
+             parameters={"d": "0.1 m", "k": "100 N m-1"}),
+        "1.5 s", {"x": 0.1 - (1.5 - period - 0.1 - pi / w), "v_x": -1.0}, "free for 0.1 s, half a swing in pi/10 s",
+        step="3 ms",
     )
     speed = sqrt(10 * G)
     yield Everyday(
@@ -783,7 +843,8 @@ def plain() -> Iterator[Everyday]:
         "4 s", {"x": 10 + speed * (4 - 2 * speed / G), "v_x": speed}, "v = sqrt(g L) at the bottom, then evenly",
     )
     yield Everyday(
-        "tank_that_overflows", flows({"h": ("0 m", "q - c*max(h - H, 0*metre)")}, {"q": "0.5 m s-1", "c": "2 s-1", "H": "1 m"}),
+        "tank_that_overflows", flows({"h": ("0 m", "q - c*max(h - H, 0*metre)")},
+                                     {"q": "0.5 m s-1", "c": "2 s-1", "H": "1 m"}),
         "4 s", {"h": 1 + 0.25 * (1 - exp(-4))}, "fills in 2 s, then nears H + q/c",
     )
     yield Everyday(
@@ -792,12 +853,15 @@ def plain() -> Iterator[Everyday]:
     )
     yield Everyday(
         "control_that_saturates",
-        line("x", {"motor": "max(-1*newton, min(1*newton, -k*x - c*v_x))"}, "1 m", parameters={"k": "4 N m-1", "c": "2 N s m-1"}),
+        line("x", {"motor": "max(-1*newton, min(1*newton, -k*x - c*v_x))"}, "1 m",
+             parameters={"k": "4 N m-1", "c": "2 N s m-1"}),
         "4 s", {"x": 0.022412789396, "v_x": 0.006508592064}, "scipy by pieces", within=1e-6,
     )
     yield Everyday(
         "speed_under_sampled_control",
-        line("x", {"motor": "u"}, controllers={"governor": {"every": "0.1 s", "outputs": {"u": {"unit": "N", "start": "0 N", "value": "5*newton*second/metre*(1*metre/second - v_x)"}}}}),
+        line("x", {"motor": "u"}, controllers={"governor": {"every": "0.1 s",
+                                                            "outputs": {"u": {"unit": "N", "start": "0 N",
+                                                                "value": "5*newton*second/metre*(1*metre/second - v_x)"}}}}),
         "1 s", {"v_x": 1 - 0.5**10, "x": 1 - 0.15 * (1 - 0.5**10)}, "half of what is missing, each tick",
     )
 # fmt: on
@@ -858,7 +922,9 @@ class Finding:
     @property
     def worst(self) -> str:
         """The quantity that is furthest beyond its bound, or nearest to it."""
-        return max(self.errors, key=lambda key: np.nan_to_num(self.errors[key] / self.bounds[key], nan=np.inf), default="")
+        return max(
+            self.errors, key=lambda key: np.nan_to_num(self.errors[key] / self.bounds[key], nan=np.inf), default=""
+        )
 
     @property
     def verdict(self) -> str:
@@ -881,7 +947,9 @@ class Finding:
         row = f"{self.case.name:36} {self.method:24} {self.mode:9} "
         if key:
             row += f"{key} = {self.values[key]:.12g} for {self.case.expects[key]:.12g}, {self.errors[key]:.1e}: "
-        return f"{row}{self.verdict}" + ("" if self.verdict in ("right", "WRONG") else f": {self.warning or self.words}")
+        return f"{row}{self.verdict}" + (
+            "" if self.verdict in ("right", "WRONG") else f": {self.warning or self.words}"
+        )
 
 
 def differs(value: float, expected: float) -> float:
@@ -976,7 +1044,10 @@ def alone(case: Everyday, method: str, mode: str = "adaptive") -> Finding:
         gaps = {key: differs(value, coarse.values[key]) for key, value in fine.values.items()}
         if all(gap <= little for gap in gaps.values()):
             break
-    each = {key: little if method in STEPPED_OVER else AGREEMENT * min(gap, little) + case.within for key, gap in gaps.items()}
+    each = {
+        key: little if method in STEPPED_OVER else AGREEMENT * min(gap, little) + case.within
+        for key, gap in gaps.items()
+    }
     return replace(fine, bounds=each)
 
 
@@ -986,10 +1057,15 @@ def in_a_sweep(case: Everyday, method: str) -> Finding:
     ends = {key: key if key.startswith("event_time_") else f"end_{key}" for key in case.expects}
     events = [key for key in case.expects if key.startswith("event_time_")]
     try:
-        with bounded():
+        with bounded(), warnings.catch_warnings(action="ignore"):
             members = xd.sweep(
-                statement_of(case), {name: [own, other]}, keep=["end", *events], method=method, until=case.until,
-                rtol=shares(case, method)[0], max_steps=MOST_STEPS,
+                statement_of(case),
+                {name: [own, other]},
+                keep=["end", *events],
+                method=method,
+                until=case.until,
+                rtol=shares(case, method)[0],
+                max_steps=MOST_STEPS,
             ).compute()
     except xd.InputError as refusal:
         return Finding(case, method, "sweep", words=str(refusal))
@@ -997,9 +1073,15 @@ def in_a_sweep(case: Everyday, method: str) -> Finding:
         return Finding(case, method, "sweep", outcome="unended", words=f"took longer than {PATIENCE} s")
     first = members.isel({name: 0})
     values = {key: float(first[end]) for key, end in ends.items() if end in first}
-    flags = first.run_outcome.attrs
-    outcome = dict(zip(flags["flag_values"], flags["flag_meanings"].split(), strict=True))[int(first.run_outcome)]
-    return Finding(case, method, "sweep", values, dict.fromkeys(values, shares(case, method)[1]), outcome, "in the sweep")
+    return Finding(
+        case,
+        method,
+        "sweep",
+        values,
+        dict.fromkeys(values, shares(case, method)[1]),
+        str(first.run_outcome.item()),
+        "in the sweep",
+    )
 
 
 def as_an_element(case: Everyday, method: str) -> Finding:
@@ -1015,15 +1097,24 @@ def beside(case: Everyday) -> tuple[str, str, str]:
 
 
 def statement_of(case: Everyday, dim: str | None = None) -> xd.Model:
-    """Return the model, or that of two such bodies: every coordinate and state gets the dimension."""
-    if dim is None:
-        return xd.Model(name=case.name, **case.model)
-    along = {
-        section: {name: ({"unit": entry} if isinstance(entry, str) else entry) | {"dims": [dim]} for name, entry in entries.items()}
-        for section, entries in case.model.items()
-        if section in ("coordinates", "states")
-    }
-    return xd.Model(name=case.name, dimensions={dim: 2}, **case.model | along)
+    """Return the model, or that of two such bodies: every coordinate and state gets the dimension.
+
+    The second one differs by the parameter that a sweep varies, unless what happens to one happens to both.
+    """
+    model = dict(case.model)
+    if dim is not None:
+        model["dimensions"] = {dim: 2}
+        for section in {"coordinates", "states"} & model.keys():
+            model[section] = {
+                name: ({"unit": entry} if isinstance(entry, str) else entry) | {"dims": [dim]}
+                for name, entry in model[section].items()
+            }
+        if case.outcome == "completed" and "regimes" not in model:
+            name, *both = case.axis or beside(case)
+            (own, unit), (other, _) = ((float(value), rest) for value, _, rest in (one.partition(" ") for one in both))
+            each = {"value": [own, other], "unit": unit or "1", "dims": [dim]}
+            model["parameters"] = model["parameters"] | {name: each}
+    return xd.Model(name=case.name, **model)
 
 
 # -------------------------------------------------------------------------------------------------------------- the table
