@@ -958,12 +958,12 @@ def differs(value: float, expected: float) -> float:
 
 
 def shares(case: Everyday, method: str) -> tuple[float, float]:
-    """Return the tolerance and the bound with which a method of any order takes as many steps as one of fifth.
+    """Return the tolerance by which a method of low order takes about as many steps as one of fourth, and its bound.
 
     Steps are as rtol**(1/(p + 1)), errors at the end as their p-th power.
     """
     order = min(xd.METHODS[method].order, 5)
-    return case.rtol ** ((order + 1) / 6), case.within ** (order / 5)
+    return case.rtol ** min((order + 1) / 5, 1.0), case.within ** (order / 5)
 
 
 def value_of(run: xr.Dataset, key: str, dim: str | None = None) -> float:
