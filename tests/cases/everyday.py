@@ -392,8 +392,8 @@ def rubbing() -> Iterator[Everyday]:
     )
     yield Everyday(
         "spring_that_sticks_aside",
-        line("x", {"spring": "-100*newton/metre*x"}, "0.1 m", frictions={"pad": {"slip": "v_x", "kinetic": "2*newton",
-            "static": "2.5*newton"}}),
+        line("x", {"spring": "-100*newton/metre*x"}, "0.1 m",
+             frictions={"pad": {"slip": "v_x", "kinetic": "2*newton", "static": "2.5*newton"}}),
         "2 s", {"x": 0.02, "v_x": 0.0, "event_time_pad": pi / 10}, "4 cm less each half swing: 10, -6, 2 cm",
         step="3 ms",
     )
@@ -419,8 +419,7 @@ def switched() -> Iterator[Everyday]:
         "block_of_two_regimes",
         line("x", {"ahead": "-2*newton", "back": "2*newton"}, "0 m", "1 m s-1",
              regimes={"forward": {"forces": ["ahead"]}, "backward": {"forces": ["back"]}},
-             events={"turn": switch("v_x", "falling", "backward"),
-                     "ahead_again": switch("v_x", "rising", "forward")}),
+             events={"turn": switch("v_x", "falling", "backward"), "again": switch("v_x", "rising", "forward")}),
         "3 s", {"x": 0.25, "v_x": 0.0, "event_time_turn": 0.5}, "v0^2/(2 a), at rest", outcome="sliding_mode",
     )
     yield Everyday(
@@ -474,12 +473,10 @@ def switched() -> Iterator[Everyday]:
     t, v = sqrt(2 / G), G * sqrt(2 / G) / 2
     y, v = pushed([(1 - 2 * t, -G)], 0, v / 2)
     yield Everyday(
-        "ball_by_reset", line("y", {"gravity": GRAVITY}, "1 m",
-                              events={"floor": reset("y", v_y="-0.5*v_y")}),
+        "ball_by_reset", line("y", {"gravity": GRAVITY}, "1 m", events={"floor": reset("y", v_y="-0.5*v_y")}),
         "1 s", {"y": y, "v_y": v, "event_time_floor": t}, "bounces at 1 and 2 times sqrt(2 h/g)",
     )
-    feed = {"dry_1": reset("h1", "falling", feed="1"),
-            "dry_2": reset("h2", "falling", feed="0")}
+    feed = {"dry_1": reset("h1", "falling", feed="1"), "dry_2": reset("h2", "falling", feed="0")}
     yield Everyday(
         "two_tanks_and_one_hose",
         flows({"h1": ("1 m", "w*feed - v"), "h2": ("1 m", "w*(1 - feed) - v"), "feed": ("1", "0/second")},
@@ -517,7 +514,8 @@ def switched() -> Iterator[Everyday]:
     yield Everyday(
         "pendulum_released",
         rotor("1 kg m2", {"gravity": "-9.81*newton*metre*sin(q)"},
-              events={"turn": {"function": "v_q"}}) | {"initial": {"q": "1 rad"}},
+              events={"turn": {"function": "v_q"}})
+        | {"initial": {"q": "1 rad"}},
         "2 s", {"event_time_turn": 2 * ellipk(sin(0.5) ** 2) / sqrt(G)},
         "half a period: 2 sqrt(l/g) K(sin^2(q0/2)); at rest at the start",
     )
@@ -532,15 +530,14 @@ def switched() -> Iterator[Everyday]:
         "doses_by_the_clock", flows({"c": ("100 mg", "-c/tau")}, {"tau": "8 hour"}, events=dose),
         "20 hour", {"c": c * exp(-0.25)}, "a dose at 0, 6, 12, 18 hours, each decaying", step="170 s",
     )
-    y, v = pushed([(2, 30 - G), (2, -G)])
+    y, v = pushed([(2, 30 - G), (5, -G)])
     yield Everyday(
         "rocket_of_two_regimes",
         line("y", {"gravity": GRAVITY, "thrust": "30*newton"},
              regimes={"boost": {"forces": ["gravity", "thrust"]}, "coast": {"forces": ["gravity"]}},
              events={"burnout": switch("t - 2*second", "rising", "coast"),
                      "apogee": {"function": "v_y", "direction": "falling"}}),
-        "7 s", dict(zip(("y", "v_y"), pushed([(2, 30 - G), (5, -G)]),
-                        strict=True)) | {"event_time_apogee": 2 + 2 * (30 - G) / G},
+        "7 s", {"y": y, "v_y": v, "event_time_apogee": 2 + 2 * (30 - G) / G},
         "two parabolas", axis=("m", "1 kg", "1.1 kg"),
     )
 
@@ -551,12 +548,16 @@ HERTZ = {"x": 0.66267798319334, "v_x": -2.57259751414145}  # scipy, DOP853 at 1e
 
 def rooted() -> Iterator[Everyday]:
     """What has a root, a logarithm or a power of 1.5 of something that ends."""
-    on_hertz = {"hertz": "k*(max(-x, 0*metre)/L)**1.5", "hertz_by_where": "where(x < 0*metre, k*(-x/L)**1.5, 0*newton)",
-                "hertz_by_abs": "k*((abs(x) - x)/2/L)**1.5", "hertz_potential": {"potential": "0.4*k*L*(max(-x, 0*metre)/L)**2.5"}}
+    on_hertz = {
+        "hertz": "k*(max(-x, 0*metre)/L)**1.5",
+        "hertz_by_where": "where(x < 0*metre, k*(-x/L)**1.5, 0*newton)",
+        "hertz_by_abs": "k*((abs(x) - x)/2/L)**1.5",
+        "hertz_potential": {"potential": "0.4*k*L*(max(-x, 0*metre)/L)**2.5"},
+    }
     for name, law in on_hertz.items():
         yield Everyday(
-            f"ball_on_{name}", line("x", {"gravity": GRAVITY, "floor": law}, "1 m",
-                                    parameters={"k": "1 MN", "L": "1 m"}),
+            f"ball_on_{name}",
+            line("x", {"gravity": GRAVITY, "floor": law}, "1 m", parameters={"k": "1 MN", "L": "1 m"}),
             "3 s", HERTZ, "scipy by pieces; x = 0.66267798 m", step="0.1 ms", within=1e-5,
         )
     yield Everyday(
@@ -624,7 +625,8 @@ def waves() -> Iterator[Everyday]:
     )
     yield Everyday(
         "day_and_night",
-        flows({"T": ("280 K", "(280*kelvin - T)/tau + where(mod(t, 24*hour) < 12*hour, 2*kelvin/hour, 0*kelvin/hour)")}, {"tau": "10 hour"}),
+        flows({"T": ("280 K", "(280*kelvin - T)/tau + where(mod(t, 24*hour) < 12*hour, 2, 0)*kelvin/hour")},
+              {"tau": "10 hour"}),
         "60 hour", {"T": relaxed(280, 10, [(12, 300), (12, 280), (12, 300), (12, 280), (12, 300)])},
         "an exponential for each half day", step="700 s",
     )
@@ -642,8 +644,8 @@ def waves() -> Iterator[Everyday]:
         "5 s", {"q": 3 * pi + sqrt(2) * w * (5 - 1.5 * w - (sqrt(2) - 1) * w), "event_time_turn": 1.5 * w},
         "J w^2/2 gains pi N m in each first half",
     )
-    pwm = {"every": "4 us", "outputs": {"u": {"unit": "V", "start": "0 V",
-                                              "value": "where(mod(t, 20e-6*second) < 10e-6*second, 12*volt, 0*volt)"}}}
+    duty = {"unit": "V", "start": "0 V", "value": "where(mod(t, 20e-6*second) < 10e-6*second, 12*volt, 0*volt)"}
+    pwm = {"every": "4 us", "outputs": {"u": duty}}
     yield Everyday(
         "pwm_by_ticks", flows({"c": ("0 V", "(u - c)/tau")}, {"tau": "100 us"}, controllers={"pwm": pwm}),
         "400 us", {"c": relaxed(0, 100, [(12, 12), (8, 0)] * 20)}, "ticks at 0, 4, 8 us of each 20 us are on",
@@ -657,7 +659,8 @@ def waves() -> Iterator[Everyday]:
         "mass_matrix_that_drops", shed | {"mass": {"matrix": [[mass]]}}, "15 s", {"x": x, "v_x": v},
         "2 m s-2, then 10 m s-2", step="70 ms",
     )
-    energy = {key: value for key, value in shed.items() if key != "mass"} | {"lagrangian": {"kinetic": f"{mass}*v_x**2/2"}}
+    energy = {key: value for key, value in shed.items() if key != "mass"}
+    energy |= {"lagrangian": {"kinetic": f"{mass}*v_x**2/2"}}
     yield Everyday(
         "lagrangian_whose_mass_drops", energy, "15 s", {"x": x, "v_x": v},
         "2 m s-2, then 10 m s-2: the velocity stays", step="70 ms",
@@ -678,8 +681,8 @@ def waves() -> Iterator[Everyday]:
     )
     x, v = swung(2, [(1, 0.25), (1, -0.25), (1, 0.25), (1, -0.25), (0.5, 0.25)])
     yield Everyday(
-        "spring_on_a_square_wave", line("x", {"spring": "-4*newton/metre*x",
-                                              "drive": "1*newton*sign(sin(pi*t/(1*second)))"}),
+        "spring_on_a_square_wave",
+        line("x", {"spring": "-4*newton/metre*x", "drive": "1*newton*sign(sin(pi*t/(1*second)))"}),
         "4.5 s", {"x": x, "v_x": v}, "turns about 25 cm and -25 cm", step="3 ms",
     )
     yield Everyday(
@@ -791,8 +794,8 @@ def plain() -> Iterator[Everyday]:
         "motor_on_a_battery",
         rotor("1 kg m2", {"torque": "K*i*newton*metre/ampere", "bearing": "-b*v_q"},
               parameters={"K": "1", "b": "0.1 N m s", "R": "2 ohm", "L": "1 H", "U": "10 V"},
-              states={"i": {"unit": "A", "rate": "(U - R*i - K*v_q*volt*second)/L"}}) | {"initial": {"q": "0 rad",
-                  "i": "0 A"}},
+              states={"i": {"unit": "A", "rate": "(U - R*i - K*v_q*volt*second)/L"}})
+        | {"initial": {"q": "0 rad", "i": "0 A"}},
         "2 s", {"v_q": speed + 10 / 1.2, "i": current + 1 / 1.2}, "the exponential of its matrix",
     )
     w, fall = sqrt(100 / 70), sqrt(20 * G)
@@ -857,11 +860,10 @@ def plain() -> Iterator[Everyday]:
              parameters={"k": "4 N m-1", "c": "2 N s m-1"}),
         "4 s", {"x": 0.022412789396, "v_x": 0.006508592064}, "scipy by pieces", within=1e-6,
     )
+    governor = {"unit": "N", "start": "0 N", "value": "5*newton*second/metre*(1*metre/second - v_x)"}
     yield Everyday(
         "speed_under_sampled_control",
-        line("x", {"motor": "u"}, controllers={"governor": {"every": "0.1 s",
-                                                            "outputs": {"u": {"unit": "N", "start": "0 N",
-                                                                "value": "5*newton*second/metre*(1*metre/second - v_x)"}}}}),
+        line("x", {"motor": "u"}, controllers={"governor": {"every": "0.1 s", "outputs": {"u": governor}}}),
         "1 s", {"v_x": 1 - 0.5**10, "x": 1 - 0.15 * (1 - 0.5**10)}, "half of what is missing, each tick",
     )
 # fmt: on

@@ -19,14 +19,14 @@ def test_there_are_a_hundred() -> None:
 def test_chosen_steps_are_right(case: Everyday) -> None:
     """Assert that what a model comes to is its closed form, by steps for a tolerance."""
     finding = alone(case, "dormand_prince")
-    assert finding.is_sound, str(finding)
+    assert finding.verdict == "right", str(finding)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_given_steps_are_right(case: Everyday) -> None:
     """Assert the same by given steps, halved until they agree."""
     finding = alone(case, "rk4", "fixed")
-    assert finding.is_sound, str(finding)
+    assert finding.verdict in ("right", "warned"), str(finding)
 
 
 @pytest.mark.every(4)
@@ -34,7 +34,7 @@ def test_given_steps_are_right(case: Everyday) -> None:
 def test_a_member_of_a_sweep_is_right(case: Everyday) -> None:
     """Assert that beside another value of a parameter it comes to the same."""
     finding = in_a_sweep(case, "dormand_prince")
-    assert finding.is_sound, str(finding)
+    assert finding.verdict == "right", str(finding)
 
 
 @pytest.mark.every(4)
