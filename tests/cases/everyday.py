@@ -304,13 +304,13 @@ def rubbing() -> Iterator[Everyday]:
         plane | {"forces": {"gravity": {"y": "-m*g"}, "push": {"x": push}}, "contacts": coulomb},
         "3 s", {"x": x, "v_x": v, "y": 0.0}, "(F/m - mu g) for 2 s",
     )
-    start = 0.5 * G / 3
-    pull = plane["parameters"] | {"k": "3 N s-1"}
+    start = 0.5 * 1.3 * G / 3
+    pull = plane["parameters"] | {"m": "1.3 kg", "k": "3 N s-1"}
     ramp = {"forces": {"gravity": {"y": "-m*g"}, "pull": {"x": "k*t"}}, "parameters": pull}
     s, v = 3 - start, 0.1 * G
     yield Everyday(
         "book_under_a_growing_pull", plane | ramp | {"contacts": coulomb}, "3 s",
-        {"x": 3 * s**3 / 6 + v * s**2 / 2, "v_x": 3 * s**2 / 2 + v * s, "slip_time_floor": start},
+        {"x": s**3 / 2.6 + v * s**2 / 2, "v_x": 3 * s**2 / 2.6 + v * s, "slip_time_floor": start},
         "slips at mu_s m g/k; from there k t - mu m g", axis=("k", "3 N s-1", "3.2 N s-1"),
     )
     start = 0.3 * 20 * STANDARD_G / 30
@@ -353,9 +353,9 @@ def rubbing() -> Iterator[Everyday]:
     )
     yield Everyday(
         "hinge_with_friction",
-        rotor("2 kg m2", {"motor": "k*t"}, parameters={"k": "3 N m s-1"},
+        rotor("2.5 kg m2", {"motor": "k*t"}, parameters={"k": "3 N m s-1"},
               frictions={"hinge": {"slip": "v_q", "kinetic": "1.5*newton*metre"}}),
-        "2 s", {"q": 3 * 1.5**3 / 12, "v_q": 3 * 1.5**2 / 4, "slip_time_hinge": 0.5}, "k (t - 0.5 s)^3/(6 J)",
+        "2 s", {"q": 3 * 1.5**3 / 15, "v_q": 3 * 1.5**2 / 5, "slip_time_hinge": 0.5}, "k (t - 0.5 s)^3/(6 J)",
     )
     w, a = 0.1, atan(0.5)
     b = 6 * w
