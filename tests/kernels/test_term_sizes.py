@@ -20,7 +20,7 @@ def sizes_at(model: xd.Model, state: list[float], t: float = 0.0, **known: float
     """Return the size of the terms of every acceleration and rate, by the program as Python."""
     layout = layout_of(model)
     scope: dict[str, Any] = {**python_of_set("xdynamics 2"), "_empty": np.empty, "_zero": np.float64(0.0)}
-    exec(python_of(term_sizes(layout)), scope)  # noqa: S102 - printed from a model
+    exec(python_of(term_sizes(layout)), scope)
     p, at, z = constant_values(model).copy(), np.zeros(len(AT)), np.zeros(layout.record.size)
     for name, value in known.items():
         p[list(constant_names(model)).index(name)] = value

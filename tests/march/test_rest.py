@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from tests.cases.resting import CASES, METHODS, Resting, marched, marched_absolutely, resting
 
 import xdynamics as xd
-from tests.cases.resting import CASES, METHODS, Resting, marched, marched_absolutely, resting
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS

@@ -16,7 +16,7 @@ from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
 from xdynamics.record.arguments import atol_floor_of, root_method_of
 from xdynamics.record.element_names import listed
-from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
+from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.shapes.naming import spoken, written
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, AxisColumn
 from xdynamics.sweeping.grid import SweepGrid
