@@ -128,8 +128,8 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
         ["--method", "taylor", "--until", "2 s", "--rtol", "1e-20", "--precision", "double_double"],
     ),
     "series": (
-        {"method": "taylor", "until": "2 s", "rtol": 1e-9, "order": 20},
-        ["--method", "taylor", "--until", "2 s", "--rtol", "1e-9", "--order", "20"],
+        {"method": "taylor", "until": "2 s", "rtol": 1e-9, "order": 20, "atol_floor": "none"},
+        ["--method", "taylor", "--until", "2 s", "--rtol", "1e-9", "--order", "20", "--atol-floor", "none"],
     ),
 }
 
