@@ -109,7 +109,7 @@ def _trees_with_dims(model: Model, owner: str) -> Iterator[Node]:
     whole = model.shaped
     force = whole.forces.get(owner)
     if force is not None:
-        trees = Elements(whole, model.shapes).acting(force).values()
+        trees = [*Elements(whole, model.shapes).acting(force).values()]
     else:  # the rate of a state, or the masses
         trees = [whole.states[owner].rate] if owner in whole.states else [*whole.mass_entries.values()]
     for tree in trees:

@@ -221,7 +221,8 @@ def _arc(*, turned: bool) -> Rule:
     def rule(order: Order, own: Series, a: Series) -> Operand:
         root, rising = order.part(own, "root"), order.now(slope(order, a))
         order.keep(root, _root_of(order, root, _turned(order, order.convolution(a, a))))
-        return _quotient_of_slopes(order, own, _turned(order, rising) if turned else rising, root)
+        found = _quotient_of_slopes(order, own, _turned(order, rising) if turned else rising, root)
+        return or_nothing(order, order.first(root), found)
 
     return _with_slopes(rule, begun)
 
