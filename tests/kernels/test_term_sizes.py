@@ -54,7 +54,7 @@ def mass(**parts: Any) -> xd.Model:
         ("(F - F)*(x/metre)", 20.0),
         ("(F - k*x)/2", 4.0),
         ("where(x > 1*metre, F - F, k*x)", 10.0),
-        ("max(F - F, k*x)", 10.0),
+        ("max(F - F, k*x)", 3.0),
         ("k*metre*(x/metre)**3", 12.0),
         ("F*sin(x/metre - x/metre)", 0.0),
     ],
@@ -98,6 +98,14 @@ def test_rates_of_states_have_sizes() -> None:
     state = {"level": {"unit": "m", "rate": "0.5*r*t + 0.25*r*t - 0.75*r*t"}}
     model = xd.Model(name="tank", states=state, parameters={"r": "2 m s-2"}, initial={"level": "0 m"})
     assert sizes_at(model, [0.0], t=3.0)["rate_level"] == 9.0
+
+
+def test_a_bound_that_is_not_reached_has_no_size() -> None:
+    """Assert that the size of the greater of two numbers is its own, however large the other is."""
+    state = {"level": {"unit": "1", "rate": "(max(a - b, -1e300) + min(a - b, 1e300))/second", "smooth": True}}
+    numbers = {"a": "2", "b": "1.5"}
+    model = xd.Model(name="bounded", states=state, parameters=numbers, initial={"level": "0"})
+    assert sizes_at(model, [0.0])["rate_level"] == 7.0
 
 
 def test_elements_in_loops_have_sizes() -> None:

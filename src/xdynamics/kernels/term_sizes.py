@@ -31,7 +31,8 @@ from xdynamics.kernels.program import (
 
 TERM_SIZES = "term_sizes"
 # what joins the sizes of two operands
-_JOINED = {"add": "add", "subtract": "add", "least": "greatest", "greatest": "greatest", "choose": "choose"}
+_JOINED = {"add": "add", "subtract": "add", "choose": "choose"}
+_EXTREMA = ("least", "greatest")
 _SCALED = ("multiply", "divide")
 
 
@@ -125,11 +126,21 @@ class _Sizes:
                 self._sizes[line.target] = self._sizes[given[-1]]
         elif cancels and operation in _SCALED:
             yield from self._scaled(line)
+        elif cancels and operation in _EXTREMA:
+            yield from self._selected(line)
         elif cancels and operation in _JOINED:
             *truth, left, right = given
             (size, first), (other, second) = map(self._size, (left, right))
             sizes = (*truth, size, other)
             yield from (*first, *second, Compute(self._size_of_target(line.target), _JOINED[operation], sizes))
+
+    def _selected(self, line: Compute) -> Iterator[Line]:
+        """Write the size of the less or the greater of two: that of the one it is, since the other may be any number."""
+        left, right = line.arguments
+        (size, first), (other, second) = map(self._size, (left, right))
+        is_left = self._new()
+        yield from (*first, *second, Compute(is_left, "equal", (line.target, left)))
+        yield Compute(self._size_of_target(line.target), "choose", (is_left, size, other))
 
     def _scaled(self, line: Compute) -> Iterator[Line]:
         """Write the size of a product, or of a quotient: what the size of either operand makes of it."""
