@@ -23,6 +23,7 @@ COMPARABLE = 10.0  # ratio of a value's absolute to relative tolerance up to whi
 SHARE = 16  # evaluations of a march for each one that follows an error
 FEWEST, SMALL = 240, 48  # evaluations that cost little beside the record, for states up to that size
 UNRESOLVED = 100.0  # time scales in one step: no explicit method is stable there, nor follows a growth
+FEWEST_ROWS, AT_ONCE = 8, 0.5  # rows of a run, and the part of its motion that such a step makes alone
 MOST_FOLLOWED = 1000  # steps; over the rest of a long run growth is extrapolated
 
 
@@ -116,8 +117,11 @@ def passed_over(march: March) -> float:
     first, rates = float(plan.step_size or (march.run.steps[0] if len(march.run.steps) else 0.0)), np.zeros((1, 1))
     with put_aside(march), np.errstate(all="ignore"):
         engine().fastest_rates(march.run, march.witnesses.states([0]), rates)
-    product = float(rates[0, 0]) * first
-    return product if UNRESOLVED < product < np.inf else 0.0
+    product, rows = float(rates[0, 0]) * first, march.witnesses.rows[3:]
+    if not UNRESOLVED < product < np.inf or rows.shape[1] < FEWEST_ROWS:
+        return 0.0
+    moved, largest = np.abs(rows[:, 1] - rows[:, 0]), np.abs(rows - rows[:, :1]).max(axis=1)
+    return product if ((moved > AT_ONCE * largest) & (largest > 0.0)).any() else 0.0  # else a jump at rest, say
 
 
 def _given(tolerances: Tolerances, layout: Layout) -> Floats:
