@@ -11,7 +11,7 @@ from xdynamics.expressions import Node
 from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import on_sides
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import (
     LANDED_ON,
@@ -19,6 +19,7 @@ from xdynamics.model.switches import (
     STEPPED_OVER,
     Switch,
     borders,
+    bounds_of_friction,
     owner_of_masses,
     side,
     watched_switches,
@@ -53,7 +54,13 @@ class RegimeModel(Model):
         }
         self.statement = replace(plain.statement, states=states, mass=self._masses())
         self.mass = self.statement.mass
-        if self.mass is not plain.statement.mass:  # units of energies are asked of masses
+        self.frictions = {
+            name: replace(part, kinetic=self._on_sides(name, part.kinetic), static=self._on_sides(name, part.static))
+            for name, part in plain.frictions.items()
+        }
+        self.contacts = {name: self._rubbing(name, part) for name, part in plain.contacts.items()}
+        asked = {owner_of_masses(plain), *bounds_of_friction(plain)}  # whose trees have their units looked at again
+        if any(switch.owner in asked for switch in switches):
             sides = {side(i): NONE for i, switch in enumerate(switches) if not switch.drive}
             self.dimensions = plain.dimensions | sides
 
@@ -96,6 +103,13 @@ class RegimeModel(Model):
         if isinstance(mass, Diagonal):
             return Diagonal(mass.names, {name: self._on_sides(owner, mass.own(i)) for i, name in enumerate(mass.names)})
         return tuple(tuple(self._on_sides(owner, entry) for entry in row) for row in mass)
+
+    def _rubbing(self, name: str, contact: Contact) -> Contact:
+        """Return a contact whose friction has the sides of switches."""
+        if contact.friction is None or contact.static is None:
+            return contact
+        friction, static = (self._on_sides(name, tree) for tree in (contact.friction, contact.static))
+        return replace(contact, friction=friction, static=static)
 
     def _on_sides(self, owner: str, tree: Node) -> Node:
         sides = {

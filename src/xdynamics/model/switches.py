@@ -1,4 +1,4 @@
-"""Switches hidden in forces and masses: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
+"""Switches hidden in forces, masses and friction: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
 
 `floor`, `ceil`, `round` and `mod` switch where they jump. On either side a force is smooth, across the switch it is not:
 no method keeps its order over a step that passes one. The same holds for a measured table of a coordinate or velocity with linear or piecewise constant interpolation.
@@ -29,7 +29,7 @@ from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import FAR
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import Contact, Friction, Function
 from xdynamics.model.switch_names import MOST_COUNTED, named
 from xdynamics.schema import velocity
 from xdynamics.shapes.naming import element, parted
@@ -55,7 +55,7 @@ class Switch:
     Attributes
     ----------
     owner : str
-        The force, or the state whose rate has the switch; of elements, the quantity.
+        The force, the state whose rate has the switch, the mass, or what rubs; of elements, the quantity.
     name : str
         The owner and the function: ``drag.abs``; of an element ``drag.abs·3``.
     function : Node
@@ -173,8 +173,9 @@ def bent_and_smooth(model: Model) -> tuple[str, ...]:
 def _of_trees(model: Model, owner: str, trees: Iterator[Node], most: float = inf) -> list[Switch]:
     """Return the switches of one force or rate, or some if they are more than `most`; one that occurs again gets paths."""
     merged: dict[tuple[str, Node], Switch] = {}
+    own_slips = _slips(model, owner)
     for name, function, jumps, at_zero, path, flatness in (kink for tree in trees for kink in kinks(tree)):
-        if not _moves(model, function):
+        if not _moves(model, function) or function in own_slips:
             continue
         previous = merged.get((name, function))
         if previous is not None:
@@ -296,6 +297,26 @@ def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], It
             yield name, partial(_rates, model, name)
     if not smooth:
         yield owner_of_masses(model), partial(_masses, model)
+        for name, trees in bounds_of_friction(model).items():
+            yield name, partial(map, model.expanded, trees)
+
+
+def bounds_of_friction(model: Model) -> dict[str, list[Node]]:
+    """Return what friction is while it slips, and at most, of every friction element and contact; of elements, of all."""
+    bounds: dict[str, list[Node]] = {}
+    for name, friction in model.frictions.items():
+        bounds.setdefault(parted(name)[0], []).extend((friction.kinetic, friction.static))
+    for name, contact in model.contacts.items():
+        if contact.friction is not None and contact.static is not None:
+            bounds.setdefault(parted(name)[0], []).extend((contact.friction, contact.static))
+    return bounds
+
+
+def _slips(model: Model, owner: str) -> set[Node]:
+    """Return the slips of what rubs, whose zeros are events of their own: friction may read ``abs(slip)``."""
+    parts: dict[str, Friction | Contact] = {**model.frictions, **model.contacts}
+    slips = [part.slip for name, part in parts.items() if parted(name)[0] == owner and part.slip is not None]
+    return {tree for slip in map(model.expanded, slips) for tree in (slip, Negative(slip))}
 
 
 def owner_of_masses(model: Model) -> str:
@@ -345,6 +366,9 @@ def _wholes(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
     for name, state in whole.states.items():
         yield name, [expanded(state.rate, whole.definitions, model.shapes)], state.smooth
     yield owner_of_masses(model), masses_of_wholes(model), False
+    for name, friction in whole.frictions.items():
+        trees = [expanded(tree, whole.definitions, model.shapes) for tree in (friction.kinetic, friction.static)]
+        yield name, trees, False
 
 
 def _call_any(trees: list[Node], functions: tuple[str, ...]) -> bool:
