@@ -41,7 +41,7 @@ Steps  Fixed (--step), or chosen so that every component's estimated error stays
   for any method. Without an atol it is rtol times the variable's largest value so far, and never
   less than what rounding of terms that cancel makes of a step, the forces of contacts, friction and
   constraints among them, so that what rests ends no run (atol_floor_rule; atol_floor = none for an
-  older archive). Rejected trials are rows with their reason. What speaks against a run is said in
+  older archive, and in models whose forces have more than some three thousand operations). Rejected trials are rows with their reason. What speaks against a run is said in
   its outcome: uncontrolled variables, steps beyond the stability limit, stiffness, a nearly
   singular mass.
 Events  An event may record, stop, set the state anew, or switch to another regime, in which other

@@ -38,6 +38,8 @@ from xdynamics.model.motion import constant_names
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
 
+MOST_SIZED = 200_000  # characters of a law, some three thousand operations of its forces
+
 # positions among the addresses of a law; the programs of a step come last
 EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)
 EXPAND = PROPOSE + 1  # of a method by series
@@ -214,6 +216,11 @@ class Law:
         """Addresses of the compiled programs of a march; without a compiler, keys of `UNCOMPILED`."""
         with _LOCK:  # of two threads that compile at once, one would free code that the other uses
             return self._addresses
+
+    @property
+    def is_sized(self) -> bool:
+        """Whether there is a program of the sizes of terms: of the longest laws it would take minutes to compile."""
+        return len(self.printed.source) <= MOST_SIZED
 
     @property
     def sizing(self) -> int:

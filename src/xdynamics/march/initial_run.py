@@ -190,7 +190,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "rtol": scheme.inner(tolerances.rtol) if tolerances else 0.0,
         "floor": floor_of(scheme.inner(tolerances.rtol), UNIT_OF[scheme.precision]) if tolerances else 0.0,
         "rest": 0.0,  # known with the nodes
-        "rounding": ROUNDED * UNIT_OF[scheme.precision] if _weighs(settings, layout) else 0.0,
+        "rounding": ROUNDED * UNIT_OF[scheme.precision] if _weighs(settings, law) else 0.0,
         "order": scheme.error_order,
         "safety": pacing.safety,
         "least": pacing.growth_limits[0],
@@ -229,11 +229,11 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
 
-def _weighs(settings: Settings, layout: Layout) -> bool:
+def _weighs(settings: Settings, law: Law) -> bool:
     """Whether tolerances follow, and are at least a share of the terms that cancel."""
     tolerances = settings.tolerances
-    follows = tolerances is not None and bool(np.isnan(tolerances.of_all(layout.used)).any())
-    return follows and settings.atol_floor == OF_TERMS
+    follows = tolerances is not None and bool(np.isnan(tolerances.of_all(law.layout.used)).any())
+    return follows and settings.atol_floor == OF_TERMS and law.is_sized
 
 
 def _of_contacts(model: Model, law: Law) -> dict[str, int]:

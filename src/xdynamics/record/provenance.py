@@ -353,8 +353,8 @@ def _errors(march: March) -> dict[str, Any]:
         }
         if march.run.plan[0].follows:
             reported["solver_atol_rule"] = ATOL_RULE
-            if rule := ATOL_FLOORS[settings.atol_floor]:
-                reported[schema.ATOL_FLOOR_RULE] = rule
+            if march.run.plan[0].rounding > 0.0:
+                reported[schema.ATOL_FLOOR_RULE] = ATOL_FLOORS[settings.atol_floor]
     return reported | solver_of(settings.method).reported(settings, march.law)
 
 
