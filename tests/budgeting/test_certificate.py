@@ -49,7 +49,7 @@ def test_a_certificate_has_all_that_defends_a_number(certificate: xr.Dataset) ->
     assert certificate.sizes["case"] == xd.validate(["dormand_prince"]).sizes["case"]
     found = gates(certificate)
     assert {name: value for name, value in found.items() if name != "linear_budget"} == dict.fromkeys(
-        ("outcome", "levels", "convergence", "interpolation", "ledger", "numerical_part"), "passed"
+        ("outcome", "levels", "convergence", "interpolation", "ledger", "record", "numerical_part"), "passed"
     )
     assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in certificate.variables.values())
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.documenting.drag import works_of_drag
 from xdynamics.documenting.remarks import at_rest, halves, kinks_of_tables, pace
 from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
 from xdynamics.dynamics.recorded_models import model_of
@@ -83,6 +84,7 @@ def _lines_of(run: xr.Dataset) -> list[str]:
             f"energy    {energy[0]:.{digits(float(energy[0]), relative=_uncertain_part(run))}g}{unit} at the start, band"
             f" {band:.3g}{unit}{among}, end minus start {change:.3g}{unit}"
         )
+    lines += works_of_drag(run)
     return [
         escaped(line) for line in (*lines, *pace(attributes), *kinks_of_tables(attributes), *_stops(run), *_events(run))
     ]
