@@ -22,6 +22,7 @@ def test_chosen_steps_are_right(case: Everyday) -> None:
     assert finding.verdict == "right", str(finding)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_given_steps_are_right(case: Everyday) -> None:
     """Assert the same by given steps, halved until they agree."""
@@ -29,7 +30,7 @@ def test_given_steps_are_right(case: Everyday) -> None:
     assert finding.verdict in ("right", "warned"), str(finding)
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(8)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_member_of_a_sweep_is_right(case: Everyday) -> None:
     """Assert that beside another value of a parameter it comes to the same."""
@@ -37,7 +38,7 @@ def test_a_member_of_a_sweep_is_right(case: Everyday) -> None:
     assert finding.verdict == "right", str(finding)
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(8)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_an_element_is_right(case: Everyday) -> None:
     """Assert that as one of two bodies along a dimension it comes to the same."""

@@ -40,6 +40,7 @@ def check(case: Resting, run: xr.Dataset, other: xr.Dataset) -> None:
     assert rows <= 3 * others + 8  # of the first steps, each ten times the one before
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASES)
 def test_what_rests_is_marched_to_its_release(name: str, method: str) -> None:

@@ -47,6 +47,7 @@ def slide(law: str, speed: str = "1 m s-1") -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("law", HERTZ)
 @pytest.mark.parametrize("method", CHOSEN)
 def test_a_ball_bounces_on_the_contact_of_hertz(method: str, law: str) -> None:

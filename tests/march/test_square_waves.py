@@ -41,6 +41,7 @@ def charge(halves: int) -> float:
     return u
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("wave", WAVES)
 @pytest.mark.parametrize("method", CHOSEN)
 def test_a_square_wave_charges_a_capacitor(method: str, wave: str) -> None:

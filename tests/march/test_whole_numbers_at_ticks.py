@@ -18,6 +18,7 @@ WAVES = (
 )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("wave", WAVES)
 @pytest.mark.parametrize("every", ["2 us", "5 us", "10 us"])
 def test_pulses_by_ticks_last_half_of_each_period(every: str, wave: str) -> None:

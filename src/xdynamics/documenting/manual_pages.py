@@ -41,23 +41,24 @@ Steps  Fixed (--step), or chosen so that every component's estimated error stays
   for any method. Without an atol it is rtol times the variable's largest value so far, and never
   less than what rounding of terms that cancel makes of a step, the forces of contacts, friction and
   constraints among them, so that what rests ends no run (atol_floor_rule; atol_floor = none for an
-  older archive, and in models whose forces have more than some three thousand operations). Rejected trials are rows with their reason. What speaks against a run is said in
-  its outcome: uncontrolled variables, steps beyond the stability limit, stiffness, a nearly
-  singular mass.
+  older archive, and in models whose forces have more than some three thousand operations).
+  Rejected trials are rows with their reason. What speaks against a run is said in its outcome:
+  uncontrolled variables, steps beyond the stability limit, stiffness, a nearly singular mass.
 Events  An event may record, stop, set the state anew, or switch to another regime, in which other
   forces act. Every zero of an event function within a step is found, not its change of sign from
   end to end: the step is cut until intervals of the function and its slope, rounded outward, tell
   that a piece has no zero or just one. Two crossings in a step, a touch, a jump, a pole and what
   cannot be told apart are kinds of their own. Where a sign changes the march lands, by shortened
   steps of its own method; events at one instant are one group, with the states on both sides.
-  A stop, switch or reset whose function is zero at the start, or where another event has just acted,
-  has happened if the motion takes it on in its direction, rising or falling (solver_event_start);
+  A stop, switch or reset whose function is zero at the start, or where another event has acted, has
+  happened if the motion takes it on in its direction, rising or falling (solver_event_start);
   without a direction leaving zero is no passage. Events that lead back to the state or regime that
   they began from at one instant, or act ever faster, end the run as sliding_mode or
   event_accumulation, with the accumulation_time: write what rests or bounces as [contacts], what
   rubs as [frictions], and let a controller switch back a little apart.
 Switches  The zeros of arguments of abs, sign, min, max, where, in forces, rates, masses and
-  friction, and the points of a table over x, are events too; of a force with smooth = true they are counted, and `refine` adds what that costs.
+  friction, and the points of a table over x, are events too; of a force with smooth = true they
+  are counted, and `refine` adds what that costs.
   The march lands on breakpoints of tables over time.
 Contacts  Where a gap closes there is an impact: velocities change along the gap's gradient in the
   metric of the mass, by a coefficient of restitution that may depend on approach_speed, with
@@ -66,7 +67,7 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   solved together with the accelerations, and ends where it would pull. All that is located and
   recorded as impact, rest, takeoff, stick, slip, with impulses and the energy they took. A row in
   which a contact pulls, or friction holds too much, would end the run as contact_violated;
-  `xdynamics verify --audit` looks for such rows in archives, and for events that were missed. Bounces
+  `xdynamics verify --audit` looks for such rows, and for events that were missed. Bounces
   that shrink end at a time that is extrapolated. A state without an answer, or with two (Painleve),
   is an outcome and no guess.
   A force or a grip that fails for a part of a step is found there; between many bodies by looking

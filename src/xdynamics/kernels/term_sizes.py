@@ -43,7 +43,7 @@ def term_sizes(layout: Layout) -> Program:
     """
     evaluation = forces(layout, arrays=True)
     first = layout.used.size
-    writing = _Sizes(evaluation, range(first, first + layout.accelerations.size + layout.rates.size))
+    writing = _TermSizes(evaluation, range(first, first + layout.accelerations.size + layout.rates.size))
     about = "Sizes of the terms that accelerations and rates are sums of."
     local = {name: 2 * length for name, length in evaluation.local.items()}
     return replace(
@@ -52,7 +52,7 @@ def term_sizes(layout: Layout) -> Program:
 
 
 @dataclass(frozen=True)
-class _Sizes:
+class _TermSizes:
     """Writes the lines of one program with those of sizes; without one of its own, the size of a value is its absolute value."""
 
     program: Program

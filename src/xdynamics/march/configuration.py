@@ -75,12 +75,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
     order = KEYWORDS["order"].read(chosen["order"], model.time_unit) if chosen.get("order") is not None else None
     method = _of_order(method, order, tolerances, least_rtol(str(chosen.get("precision"))))
-    paced = [key for key in PACING if key in chosen]
-    if paced and tolerances is None:
-        raise InputError(
-            f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give"
-            " rtol or atol too"
-        )
+    if tolerances is None:
+        _refuse_pacing([key for key in PACING if key in chosen])
     read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in chosen.items() if value is not None}
     settings = Settings(
         method,
@@ -108,6 +104,15 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     )
     settings.check(model)
     return settings
+
+
+def _refuse_pacing(paced: list[str]) -> None:
+    """Refuse limits of step control where steps are given."""
+    if paced:
+        raise InputError(
+            f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give"
+            " rtol or atol too"
+        )
 
 
 def _jacobian(asked: str, method: Method, model: Model) -> str:

@@ -25,7 +25,7 @@ OF_TRIALS = ("z", "e", "samples", "half", "whole", "located_z", "located_e", "lo
 OF_START = ("turning", "probe")  # and of what looks at a march that has ended
 OF_SOLVERS = ("matrix", "right", "stage", "shifted", "stages", "turned", "past")
 _OF_DELAYS = ("past_steps", "breaks", "book")
-_OF_DEPARTURES = ("departures", "instant", "met_states")
+_OF_DEPARTURES = ("departures",)
 _OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")

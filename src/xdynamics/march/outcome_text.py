@@ -89,7 +89,14 @@ def ending(march: March) -> Ending:
     # advice on steps makes sense for a run that finished or ran out of steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
-    remarks = (_chattering(march), _passed_over(march), *march.doubts, of_smooth_switches(march), advice)
+    remarks = (
+        _chattering(march),
+        _passed_over(march),
+        _going_on(march),
+        *march.doubts,
+        of_smooth_switches(march),
+        advice,
+    )
     return Ending(failure.outcome, spoken("; ".join(filter(None, (text, *remarks)))))
 
 
@@ -231,6 +238,19 @@ def _passed_over(march: March) -> str:
     return (
         f"the function of event {' and '.join(names)} is zero at the start and leaves it, which is no passage of an event"
         " without a direction; with direction = 'rising' or 'falling' it acts at the start, if it leaves in that direction"
+    )
+
+
+def _going_on(march: March) -> str:
+    """Name the resets that bring a motion to rest at their zero, from where it goes on in their direction."""
+    departures = march.run.departures
+    passing = zip(march.layout.watched, departures["goes_on"].tolist(), strict=True) if departures.size else ()
+    names = [f"'{detector.name}'" for detector, goes_on in passing if goes_on]
+    if not names:
+        return ""
+    return (
+        f"event {' and '.join(names)} brings the motion to rest where its function is zero, and it goes on from there in"
+        " the same direction; a support that bears is written as [contacts]"
     )
 
 

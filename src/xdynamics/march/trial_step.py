@@ -152,7 +152,7 @@ def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     origin, copied = source[0], target[0]
     copied.t, copied.h, copied.landing, copied.iterations = origin.t, origin.h, origin.landing, origin.iterations
     copied.unsound, copied.unsound_events, copied.rest = origin.unsound, origin.unsound_events, origin.rest
-    copied.deviation = origin.deviation
+    copied.deviation, copied.weighed = origin.deviation, origin.weighed
 
 
 @shared

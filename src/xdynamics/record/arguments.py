@@ -58,7 +58,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "math_functions": kept_set(recorded.get("math_functions")),
         "event_root_method": root_method_of(recorded),
         "event_start": recorded.get("solver_event_start", WAITING),
-        "atol_floor": atol_floor_of(recorded),
+        "atol_floor": atol_floor_of(recorded) if "solver_atol_rule" in recorded else None,
         "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
         "log": _log_asked(recorded),
         "compress": True if schema.COMPRESSION in recorded else None,

@@ -177,6 +177,7 @@ def group(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(balance, name, lambda _, k, name=name: about[name][k])
     monkeypatch.setattr(balance, "choose", choose)
     monkeypatch.setattr(balance, "examine", plain("examine"))
+    monkeypatch.setattr(balance, "reach", plain("reach"))
     touches = np.array([SimpleNamespace(total=0.0, lost=0.0, slack=0.0, hit=-1) for _ in "ab"])
     run = SimpleNamespace(
         plan=[SimpleNamespace(coordinates=2, kinetic=0, held=0)],

@@ -63,6 +63,7 @@ def marched(model: xd.Model, method: str = "dormand_prince", until: str = "3 s",
     return xd.simulate(model, method=method, until=until, **(how or dict(MARCHES)[method]))
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize(("method", "how"), MARCHES)
 @pytest.mark.parametrize("lift", JUMPS.values(), ids=JUMPS)
 def test_a_box_takes_off_where_a_force_lifts_it_by_a_jump(lift: str, method: str, how: dict[str, Any]) -> None:

@@ -175,6 +175,15 @@ def test_a_departure_without_direction_is_no_passage_and_said() -> None:
     assert "'ground' is zero at the start and leaves it, which is no passage" in run.attrs["run_outcome_text"]
 
 
+@pytest.mark.parametrize(("e", "y"), [(0.0, "1 m"), (0.5, "0 m")])
+def test_a_reset_to_rest_that_does_not_bear_is_said(e: float, y: str) -> None:
+    """Assert a remark where a ball is reset to rest at the ground, or lies there, and falls on through it."""
+    ball = falling(y, action="reset", set={"v_y": "-e*v_y"}).replace(parameters={"e": str(e)})
+    text = marched(ball).attrs["run_outcome_text"]
+    assert "event 'ground' brings the motion to rest where its function is zero" in text
+    assert "[contacts]" in text
+
+
 def test_records_at_the_start_are_no_events() -> None:
     """Assert that a body let go at rest has no event of the kind `record` at the start."""
     top = {"top": {"function": "v_y", "direction": "falling"}}

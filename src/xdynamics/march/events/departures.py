@@ -25,6 +25,7 @@ from xdynamics.model.parts import ACTIONS
 
 _RECORD, _STOP, _SWITCH, _RESET = range(len(ACTIONS))
 
+BESIDE = 1e-3  # of its largest value in the step: farther from zero, a function is not zero within its uncertainty
 CROWDED = 100.0  # time tolerances between two actions of an event, below which they may not go on
 SHRINKING = 0.99  # ratio of one pause to the one before, below which pauses end at a time that can be told
 FEWEST = 3  # pauses to tell it from
@@ -53,7 +54,7 @@ def begin_departures(run: Run) -> None:
         departure, watch = run.departures[i], run.watches[i]
         departure.rate, departure.side, departure.leaves, departure.met, departure.at_start = 0.0, 0, 0, 0, 0
         departure.last, departure.pause, departure.earlier, departure.longest, departure.short = -inf, inf, inf, inf, 0
-        departure.limit, departure.doubt = -inf, 0.0
+        departure.limit, departure.doubt, departure.goes_on = -inf, 0.0, 0
         watch.hit = NONE
     find_sides(run)
     number = 0
@@ -69,6 +70,14 @@ def begin_departures(run: Run) -> None:
 
 
 @shared
+def may_be_zero(run: Run, i: int, value: float) -> bool:
+    """Whether an acting event's function may be zero where the march stands; others need not be looked at closely."""
+    watch = run.watches[i]
+    near = watch.hit != NONE or watch.greatest == 0.0 or abs(value) <= BESIDE * watch.greatest
+    return bool(acts(run, i) and near)
+
+
+@shared
 def find_sides(run: Run) -> None:
     """Find out to which side the motion takes each acting event's function from the march's state.
 
@@ -81,8 +90,8 @@ def find_sides(run: Run) -> None:
     flat = False
     for i in range(run.detectors.shape[0]):
         departure = run.departures[i]
-        departure.side = 0
-        if acts(run, i):
+        departure.side, departure.from_rest = 0, 0
+        if may_be_zero(run, i, run.near_g[i]):
             if not run.detectors[i].sampled and is_certain(run, i, run.y):
                 departure.side = sign(run.slopes[i])
             flat = flat or departure.side == 0
@@ -100,12 +109,12 @@ def find_sides_from_rest(run: Run) -> None:
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         departure, change = run.departures[i], run.far_g[i] - run.near_g[i]
-        if not acts(run, i) or departure.side != 0:
+        if departure.side != 0 or not may_be_zero(run, i, run.near_g[i]):
             continue
         if run.detectors[i].sampled:
             departure.side = sign(change) if abs(change) > ROUGHLY * abs(run.near_g[i]) else 0
         elif is_certain(run, i, run.z):
-            departure.side = sign(run.slopes[i])
+            departure.side, departure.from_rest = sign(run.slopes[i]), 1
     for i in range(run.detectors.shape[0]):
         run.slopes[i] = run.entered[i]
     for i in range(run.y.shape[0]):
@@ -122,17 +131,19 @@ def take_departure(run: Run, i: int) -> None:
     """
     watch, departure, direction = run.watches[i], run.departures[i], run.detectors[i].direction
     side, own, before = departure.side, watch.hit != NONE, sign(departure.rate)
-    rate = 0.0 if isnan(run.slopes[i]) else abs(run.slopes[i])
-    within = max(abs(departure.rate), rate) * LATE * spacing_of(run, i)
-    if abs(run.g[i]) > max(murk(run, i, run.z), within):
+    rate = 0.0 if isnan(run.slopes[i]) else run.slopes[i]
+    within = max(abs(departure.rate), abs(rate)) * LATE * spacing_of(run, i)
+    if not may_be_zero(run, i, run.g[i]) or abs(run.g[i]) > max(murk(run, i, run.z), within):
         watch.armed, departure.leaves = sign(run.g[i]), STANDING
     else:
         goes_on = watch.armed == side and before == side
         watch.armed, departure.leaves = side, LEAVING if side != 0 else (ACTED if own else STANDING)
         if side != 0 and side == direction and not own and not goes_on:
             departure.met, run.instant[0].meets = 1, 1
+        passes = own and side != 0 and side == direction and run.detectors[i].action == _RESET
+        departure.goes_on = max(departure.goes_on, int(passes and departure.from_rest > 0))
     watch.ever = max(watch.ever, abs(watch.armed))
-    departure.rate = run.slopes[i]
+    departure.rate = rate
 
 
 @shared
@@ -195,7 +206,7 @@ def happens_late(run: Run, i: int, came: int) -> bool:
 def note_rates(run: Run) -> None:
     """Note the rates of event functions before the events at the trial's end act."""
     for i in range(run.departures.shape[0]):
-        run.departures[i].rate = run.slopes[i]
+        run.departures[i].rate = 0.0 if isnan(run.slopes[i]) else run.slopes[i]
 
 
 @shared
