@@ -242,7 +242,9 @@ class Law:
         name = f"sizes-{cache.digest(self._key, TERM_SIZES)}.o"
         code = cache.read(name)
         if code is None:
-            code = machine.built(self._text([self.term_sizes]), quick=True)
+            code = machine.emitted(
+                self._text([self.term_sizes])
+            )  # it runs seldom: passes would cost more than they save
             cache.write(name, code)
         return machine.Code(code, [TERM_SIZES])
 

@@ -106,10 +106,10 @@ def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[.
     return Code(content, names)
 
 
-def built(text: str, *, quick: bool = False) -> bytes:
-    """Compile LLVM text to an object file, `quick` for code that runs seldom; warn if that takes long."""
+def built(text: str) -> bytes:
+    """Compile LLVM text to an object file; warn if that takes long."""
     with _told(text):
-        return _object(text, quick=quick)
+        return _object(text)
 
 
 @contextmanager
@@ -161,11 +161,9 @@ def _entry(function: Any) -> Any:
 _KEPT: dict[Any, Any] = {}
 
 
-def _object(text: str, *, quick: bool = False) -> bytes:
+def _object(text: str) -> bytes:
     module = _parsed(text)
     module.triple = llvm.get_process_triple()
-    if quick:
-        return bytes(_machine(0).emit_object(module))
     # a machine of its own, as for every engine: an engine frees the one that it was given
     machine = _machine(0 if text.count("\n") > LONG_TEXT else 2)
     optimise(module, machine, 2, unrolling=not text.startswith(AS_WRITTEN))
