@@ -98,3 +98,22 @@ def test_a_certificate_has_the_gate_of_the_record() -> None:
     found = xd.certify(WRONG["dropped at the ground"], quantity="y", at="1 s", **how)
     verdicts = dict(zip(found.gate_name.values.tolist(), found.gate_verdict.values.tolist(), strict=True))
     assert found.gate_verdict.attrs["flag_meanings"].split()[verdicts["record"]] == "failed"
+
+
+def test_the_event_of_one_element_does_not_excuse_another() -> None:
+    """Assert that a ball which falls through its ground is named, though the other meets its own right after the start."""
+    two = xd.Model(
+        name="two balls",
+        dimensions={"ball": 2},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}},
+        parameters={"m": "1 kg", "g": "9.81 m s-2"},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        events={"ground": RESET},
+        initial={"y": {"unit": "m", "value": [0, 1e-9]}, "v_y": {"unit": "m s-1", "value": [0, -1]}},
+    )
+    run = xd.simulate(two, method="dop853", rtol=1e-9, until="0.1 s", event_start="waiting")
+    (gate,) = audit(run)
+    assert gate.verdict == "failed"
+    assert "event 'ground[0]' is at zero at t = 0 s" in gate.reason
+    assert "ground[1]" not in gate.reason

@@ -20,7 +20,8 @@ from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.budgeting.proven_bounds import ProvenBounds
 from xdynamics.budgeting.rounding import same_number, short
-from xdynamics.evidence.evidence_dataset import about, exhibit, stated
+from xdynamics.evidence.evidence_dataset import exhibit, stated
+from xdynamics.evidence.gates import FAILED, GATE, GATES, NOT_CHECKED, PASSED, gates_as
 from xdynamics.evidence.refining.judgements import NOT_CONVERGING
 from xdynamics.evidence.refining.verdict_words import in_words
 from xdynamics.evidence.stage_tasks import Task
@@ -33,7 +34,7 @@ from xdynamics.march.root_methods import WAITING
 from xdynamics.march.tolerances import NO_FLOOR
 from xdynamics.model import Model, check_model
 from xdynamics.record.flag_words import in_prose, words_of
-from xdynamics.schema import EVIDENCE, PROVEN, flags
+from xdynamics.schema import EVIDENCE, PROVEN
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import OF_DOUBT
 
@@ -41,10 +42,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CERTIFICATE = "certificate"
-GATE, CASE = "gate", "case"
+CASE = "case"
 RECORD = "record"  # the gate that nothing contradicts itself in the run's record
 Write = Callable[[float], str]
-PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 DRAWS = 10_000
 SMALL = 0.1  # largest ratio of the numerical bound to the physical uncertainty
 SAME = (
@@ -144,30 +144,13 @@ def _dataset(model: Model, budget: xr.Dataset, ledger: xr.Dataset, expected: tup
     variables: dict[str, Any] = {
         str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in budget.variables.items()
     }
-    variables |= _gates_as(gates)
+    variables |= gates_as(gates, "what the number has to pass")
     names = {"residual": "residual", "bound": "case_bound", "verdict": "case_verdict"}
     for name in ("case_name", "case_units", *names):
         variables[names.get(name, name)] = ((CASE,), ledger[name].values, dict(ledger[name].attrs))
     attributes = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
     title = f"certificate of {model.name}: {budget.attrs['of']}"
     return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes, shapes=model.shapes)
-
-
-def _gates_as(gates: list[tuple[str, str, str]]) -> dict[str, Any]:
-    """Return gates as variables."""
-    return {
-        "gate_name": (
-            (GATE,),
-            np.array([name for name, _, _ in gates]),
-            about("1", "what the number has to pass", "name"),
-        ),
-        "gate_reason": ((GATE,), np.array([why for _, _, why in gates]), about("1", "what was looked at", "rule")),
-        "gate_verdict": (
-            (GATE,),
-            np.array([GATES.index(verdict) for _, verdict, _ in gates], np.int8),
-            about("1", "what became of it", "flag") | flags(dict(enumerate(GATES))),
-        ),
-    }
 
 
 def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple[str, str, str]]:

@@ -59,8 +59,8 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
 def _audited(archive: str, verdict: dict[str, str]) -> bool:
     """Say what contradicts itself in a run's record, and add it to its verdict; whether nothing does."""
     from xdynamics.archive import open_run
-    from xdynamics.evidence.audit import FAILED
     from xdynamics.evidence.audit import audit as audited
+    from xdynamics.evidence.gates import FAILED
 
     with open_run(archive, check=False) as run:
         gates = audited(run)

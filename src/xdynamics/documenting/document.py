@@ -10,12 +10,13 @@ from xdynamics import archive
 from xdynamics.archive.place import Given, Place, placed, real
 from xdynamics.archive.stores import check_target, store_of, taking_name
 from xdynamics.budgeting.budget_summary import by_share, contributed, doubt_of
-from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED, reasons
+from xdynamics.budgeting.certificate import reasons
 from xdynamics.documenting import document_blocks
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting.document_blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
 from xdynamics.documenting.equations import of_model
 from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.evidence.gates import FAILED, GATES, NOT_CHECKED
 from xdynamics.evidence.refining.verdict_words import in_words
 from xdynamics.faults import InputError
 from xdynamics.model import Model

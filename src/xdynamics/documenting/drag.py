@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.expressions import free_names
 from xdynamics.model import Function, Model
-from xdynamics.units import SECONDS, parse_unit
+from xdynamics.record.named_elements import column_in_si
+from xdynamics.units import SECONDS
 
 SEEN = 1e-6  # of all work of a force: less is due to the rule of trapezoids
 
@@ -29,12 +29,12 @@ def works_of_drag(run: xr.Dataset) -> Iterator[str]:
         columns = {q: (schema.force(name, q), schema.velocity(q)) for q in coordinates}
         if not all(column in run for pair in columns.values() for column in pair):
             continue
-        powers = [_in_si(run, force) * _in_si(run, velocity) for force, velocity in columns.values()]
+        powers = [column_in_si(run, force) * column_in_si(run, velocity) for force, velocity in columns.values()]
         power = np.sum(powers, axis=0)
         pushing, all_of_it = np.maximum(power, 0.0), np.trapezoid(np.abs(power), times)
         if (work := np.trapezoid(pushing, times)) <= SEEN * all_of_it:
             continue
-        speeds = _in_si(run, schema.velocity(coordinates[0]))[power > 0.0]
+        speeds = column_in_si(run, schema.velocity(coordinates[0]))[power > 0.0]
         where = f" where v_{coordinates[0]} {'<' if speeds.max() < 0.0 else '>'} 0"
         one_way = len(coordinates) == 1 and (speeds.max() < 0.0 or speeds.min() > 0.0)
         yield f"work      {name} did +{work:.3g} J of work on the motion{where if one_way else ''}: drag would take it"
@@ -50,8 +50,3 @@ def _of_velocities(model: Model) -> dict[str, list[str]]:
         if len(trees) == len(components) and read & velocities and not read & moving:
             found[name] = [*components]
     return found
-
-
-def _in_si(run: xr.Dataset, name: str) -> NDArray[np.float64]:
-    factor = float(parse_unit(str(run[name].attrs["units"])).factor)
-    return np.asarray(run[name].values, float) * factor

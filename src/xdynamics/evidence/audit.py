@@ -8,7 +8,7 @@ the record and the model that stands in it, whatever method made it, and wheneve
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.elementary import kept_set
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.gates import FAILED, GATES, NOT_CHECKED, PASSED, Gate
 from xdynamics.expressions import Node
 from xdynamics.faults import spoken
 from xdynamics.methods.moreau import MOREAU_JEAN
@@ -26,11 +26,9 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tab
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
-from xdynamics.record import unfold
-from xdynamics.record.flag_words import words_of
-from xdynamics.schema import flags
+from xdynamics.record.named_elements import column_in_si, event_words
 from xdynamics.shapes.naming import parted
-from xdynamics.units import parse_unit, unit_suffix
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,21 +36,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]] | None
 
-GATE = "gate"
-VERDICTS = PASSED, FAILED, NOT_CHECKED = ("passed", "failed", "not_checked")
 EVENTS, CONTACTS = "events_met", "contacts_admissible"
 ZERO = 1e-9  # of the largest value of an event function: as good as zero
 CROWDED = 100.0  # time tolerances between two occurrences of an acting event, below which they are not apart
 SLACK = 1e-7  # of the largest force or gap of a contact: more than what its events are located within
+COLUMNS = ("time", "regime", "row_kind", "closed_force", "closed_step")  # besides events, states and contacts
 _DIRECTIONS = {"rising": 1.0, "falling": -1.0}
-
-
-class Gate(NamedTuple):
-    """A question put to a record: its name, what became of it, and why."""
-
-    name: str
-    verdict: str
-    reason: str
+Look = Callable[["xr.Dataset", Model], Iterator[str]]
 
 
 def audit(run: xr.Dataset, functions: Functions = None) -> list[Gate]:
@@ -72,18 +62,34 @@ def audit(run: xr.Dataset, functions: Functions = None) -> list[Gate]:
         friction. A record that does not hold what is needed is `not_checked`.
     """
     model = model_of(run, functions)
-    gates = []
-    if has_acting(model):
-        gates.append(_gate(EVENTS, _unmet_events, run, model, "every acting event at zero was met or left in time"))
-    if reactions(model) or model.assemblies:
-        gates.append(_gate(CONTACTS, _broken_contacts, run, model, "no contact pulls, overlaps or holds too much"))
-    return gates
+    return [_gate(name, look, run, model, passed) for name, look, passed in _questions(model)]
 
 
 def gates_of(model: Model) -> list[str]:
     """Name the gates of a model's runs."""
-    names = [EVENTS] if has_acting(model) else []
-    return names + ([CONTACTS] if reactions(model) or model.assemblies else [])
+    return [name for name, _, _ in _questions(model)]
+
+
+def audited_columns(run: xr.Dataset, model: Model) -> xr.Dataset:
+    """Return what an audit reads of a record: times, flags, events, the state, forces and gaps of contacts."""
+    owners = {reaction.owner for reaction in reactions(model)}
+    named = {of(owner) for owner in owners for of in (contact_force, contact_gap, friction_force)}
+    named |= {*COLUMNS, *variables(model), *(parted(name)[0] for name in variables(model))}
+    return run[
+        [
+            name
+            for name in run.variables
+            if name in named or run[name].dims[:1] == (schema.EVENTS,) or not run[name].dims
+        ]
+    ]
+
+
+def _questions(model: Model) -> Iterator[tuple[str, Look, str]]:
+    """Yield the gates of a model's runs: the name, how it is looked into, and what is said of one that passes."""
+    if has_acting(model):
+        yield EVENTS, _unmet_events, "every acting event at zero was met or left in time"
+    if reactions(model) or model.assemblies:
+        yield CONTACTS, _broken_contacts, "no contact pulls, overlaps or holds too much"
 
 
 def has_acting(model: Model) -> bool:
@@ -96,26 +102,6 @@ def contradiction(run: xr.Dataset, functions: Functions = None) -> str:
     return "; ".join(gate.reason for gate in audit(run, functions) if gate.verdict == FAILED)
 
 
-def gates_as(gates: list[Gate]) -> dict[str, Any]:
-    """Return gates as variables of a Dataset; none where there are none."""
-    if not gates:
-        return {}
-    verdicts = np.array([VERDICTS.index(gate.verdict) for gate in gates], np.int8)
-    return {
-        "gate_name": (
-            (GATE,),
-            np.array([gate.name for gate in gates]),
-            about("1", "what is asked of the record", "rule"),
-        ),
-        "gate_reason": ((GATE,), np.array([gate.reason for gate in gates]), about("1", "what was found", "rule")),
-        "gate_verdict": (
-            (GATE,),
-            verdicts,
-            about("1", "what became of it", "flag") | flags(dict(enumerate(VERDICTS))),
-        ),
-    }
-
-
 def gates_said(found: xr.Dataset) -> Iterator[str]:
     """Describe the gates of a diagnosis that are not passed."""
     if "gate_name" not in found:
@@ -123,16 +109,14 @@ def gates_said(found: xr.Dataset) -> Iterator[str]:
     for verdict, reason in zip(
         found["gate_verdict"].values.tolist(), found["gate_reason"].values.tolist(), strict=True
     ):
-        if VERDICTS[verdict] != PASSED:
-            yield f"{'attention' if VERDICTS[verdict] == FAILED else 'not checked'}: {reason}"
+        if GATES[verdict] != PASSED:
+            yield f"{'attention' if GATES[verdict] == FAILED else 'not checked'}: {reason}"
 
 
-def _gate(
-    name: str, look: Callable[[xr.Dataset, Model], Iterator[str]], run: xr.Dataset, model: Model, passed: str
-) -> Gate:
+def _gate(name: str, look: Look, run: xr.Dataset, model: Model, passed: str) -> Gate:
     """Put a question to a record; one that lacks a column leaves it open."""
     try:
-        faults = list(look(unfold(run), model))
+        faults = list(look(run, model))
     except KeyError as missing:
         return Gate(name, NOT_CHECKED, f"the record has no {missing}")
     return Gate(name, FAILED, spoken("; ".join(faults))) if faults else Gate(name, PASSED, passed)
@@ -153,13 +137,12 @@ def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
     columns = _evaluated(run, model, [*trees.values(), *rates])
     for name, values, slopes in zip(trees, columns, columns[len(trees) :], strict=False):
         direction = _DIRECTIONS.get(model.events[name].direction, 0.0)
-        of_this = met.get(name, met.get(parted(name)[0], np.zeros(0)))
-        for row in _left_unmet(run, values, slopes, direction, of_this):
+        row = next(_left_unmet(run, values, slopes, direction, met.get(name, np.zeros(0))), None)
+        if row is not None:
             yield (
                 f"event '{name}' is at zero at t = {times[row]:.15g}{second} and leaves it {model.events[name].direction},"
                 " which is its direction, and was not met"
             )
-            break
     for name in acting:
         asked = model.events[name].time_tolerance
         tolerance = float(run.attrs.get("solver_time_tolerance", 0.0)) if asked is None else asked.si
@@ -179,36 +162,32 @@ def _left_unmet(run: xr.Dataset, values: Floats, rates: Floats, direction: float
         return
     small = ZERO * np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
     begins = np.isin(run["row_kind"].values, (schema.INITIAL, schema.EVENT_AFTER)) & (np.abs(values) <= small)
+    beyond = np.flatnonzero(np.abs(values) > small)
     for row in np.flatnonzero(begins).tolist():
-        left = np.flatnonzero((times > times[row]) & (np.abs(values) > small))[:1]
+        left = beyond[np.searchsorted(beyond, np.searchsorted(times, times[row], "right")) :][:1]
         if not left.size or np.sign(values[left[0]]) != direction:
             continue
         turned_back = rates[row] * direction < 0.0
-        after = met > times[row] if turned_back else met >= times[row]
-        if not (after & (met <= times[left[0]])).any():
+        last_met = met[: np.searchsorted(met, times[left[0]], "right")][-1:]
+        if not (last_met.size and (last_met[0] > times[row] if turned_back else last_met[0] >= times[row])):
             yield row
 
 
 def _occurrences(run: xr.Dataset) -> dict[str, Floats]:
-    """Return when each detector met an event, by its name; of an event of elements, when any of them did."""
-    words, times = np.array(words_of(run["event_detector"]), object), np.asarray(run["event_time"].values, float)
+    """Return when each detector met an event, ascending, by its name or that of its element."""
+    words, times = np.array(event_words(run), object), np.asarray(run["event_time"].values, float)
     return {word: times[words == word] for word in dict.fromkeys(words.tolist())}
 
 
 def _evaluated(run: xr.Dataset, model: Model, trees: list[Node]) -> list[Floats]:
     """Return expressions of coordinates, velocities and states in all rows of a record, SI."""
-    state: dict[str, Any] = {"t": _in_si(run, "time"), REGIME_NUMBER: np.zeros(run.sizes[schema.STEPS])}
+    state: dict[str, Any] = {"t": column_in_si(run, "time"), REGIME_NUMBER: np.zeros(run.sizes[schema.STEPS])}
     if "regime" in run.variables:
         state[REGIME_NUMBER] = run["regime"].values.astype(float)
-    state |= {name: _in_si(run, name) for name in variables(model)}
+    state |= {name: column_in_si(run, name) for name in variables(model)}
     known, set_used = constants(model), kept_set(run.attrs.get("math_functions"))
     values = evaluated_many(model, trees, state, known, tables_of(model), set_used)
     return [np.broadcast_to(np.asarray(value, float), state["t"].shape) for value in values]
-
-
-def _in_si(run: xr.Dataset, name: str) -> Floats:
-    factor = float(parse_unit(str(run[name].attrs["units"])).factor)
-    return np.asarray(run[name].values, float) * factor
 
 
 def _broken_contacts(run: xr.Dataset, model: Model) -> Iterator[str]:
@@ -238,14 +217,14 @@ def _excesses(run: xr.Dataset, model: Model, reaction: Reaction) -> Iterator[tup
     if _steps_over_impacts(run):
         return  # its impulses are those of whole steps
     if reaction.sort == NORMAL:
-        press, gap = _in_si(run, contact_force(reaction.owner)), _in_si(run, contact_gap(reaction.owner))
+        press, gap = column_in_si(run, contact_force(reaction.owner)), column_in_si(run, contact_gap(reaction.owner))
         yield "pulls", -press - SLACK * np.abs(press).max(initial=0.0)
         yield "is penetrated", -gap - SLACK * np.abs(gap).max(initial=0.0) - _located_within(run, model, reaction)
         return
-    force = np.abs(_in_si(run, friction_force(reaction.owner)))
+    force = np.abs(column_in_si(run, friction_force(reaction.owner)))
     (most,) = _evaluated(run, model, [model.expanded(reaction.most)])
     if reaction.sort == TANGENT:
-        most = most * _in_si(run, contact_force(reaction.owner))
+        most = most * column_in_si(run, contact_force(reaction.owner))
     yield "holds more than friction can", force - most - SLACK * np.abs(force).max(initial=0.0)
 
 
@@ -254,6 +233,7 @@ def _located_within(run: xr.Dataset, model: Model, reaction: Reaction) -> float:
     asked = model.contacts[reaction.owner].time_tolerance
     tolerance = float(run.attrs.get("solver_time_tolerance", 0.0)) if asked is None else asked.si
     speeds = [
-        float(np.abs(_in_si(run, name)).max(initial=0.0)) for name in map(schema.velocity, model.statement.coordinates)
+        float(np.abs(column_in_si(run, name)).max(initial=0.0))
+        for name in map(schema.velocity, model.statement.coordinates)
     ]
     return 2.0 * tolerance * sum(speeds)

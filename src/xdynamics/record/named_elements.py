@@ -7,6 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.record.element_attributes import attributes_of_element
 from xdynamics.record.flag_words import words_of
@@ -15,6 +16,7 @@ from xdynamics.schema import DETECTOR_DIMENSIONS, at_event, label_of
 from xdynamics.shapes import Extent
 from xdynamics.shapes.extents import place_of_element
 from xdynamics.shapes.naming import DOT, element, parted
+from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -99,6 +101,18 @@ def column(dataset: xr.Dataset, name: str) -> xr.Variable:
     if (found := find_column(dataset, name)) is None:
         raise KeyError(name)
     return found
+
+
+def column_in_si(dataset: xr.Dataset, name: str) -> NDArray[np.float64]:
+    """Return the numbers of a variable, or of one element of a quantity, in SI units; see `column`.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    variable = column(dataset, name)
+    return np.asarray(variable.values, float) * float(parse_unit(str(variable.attrs["units"])).factor)
 
 
 def detectors_of(run: xr.Dataset) -> list[str]:

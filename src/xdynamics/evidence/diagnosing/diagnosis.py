@@ -11,7 +11,7 @@ import numpy as np
 
 from xdynamics import archive, schema
 from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.evidence.audit import NOT_CHECKED, Gate, audit, gates_as, gates_of, gates_said
+from xdynamics.evidence.audit import audit, audited_columns, gates_of, gates_said
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, Tighter, check_whole, tighter_of
 from xdynamics.evidence.diagnosing import chaos
@@ -30,6 +30,7 @@ from xdynamics.evidence.diagnosing.phases import (
 )
 from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, relative_uncertainty, stated
+from xdynamics.evidence.gates import NOT_CHECKED, Gate, gates_as
 from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stage_tasks import results_of
@@ -257,10 +258,12 @@ def _dataset(
     variables |= dict(residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:
         variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))
-    gates = gates_as([Gate(name, NOT_CHECKED, "") for name in gates_of(rows.model)])
+    gates = [Gate(name, NOT_CHECKED, "") for name in gates_of(rows.model)]
     if gates and not isinstance(rows, Unread):
-        gates = gates_as(audit(rows.whole(run) if rows.is_stored else run, functions))
-    variables |= gates
+        audited = audited_columns(run, rows.model)
+        gates = audit(rows.whole(audited) if rows.is_stored else audited, functions)
+    if gates:
+        variables |= gates_as(gates, "what is asked of the record")
     if tighter is not None:
         variables |= believed(rows, tighter)
         attributes["companion"] = tighter.said
