@@ -364,8 +364,9 @@ class March:
 def _rows_without_a_step(log: Log, rows: int) -> int:
     """Count the second rows of events, and the first ones of those that are met where the march stands already."""
     kinds = log.flags[0, :rows]
-    before = np.flatnonzero(kinds == EVENT_BEFORE)
-    return int(np.count_nonzero(kinds == EVENT_AFTER) + np.count_nonzero(log.rows[1, before] == 0.0))
+    time_steps = log.rows[1, :rows]
+    met_at_once = (kinds == EVENT_BEFORE) & (time_steps == 0.0)
+    return int(np.count_nonzero(kinds == EVENT_AFTER) + np.count_nonzero(met_at_once))
 
 
 # numpy takes microseconds to read one field of a record by name: all fields as one tuple cost less

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 from math import inf, isnan
 
-from xdynamics.elementary.rounding_margins import EPS, SMOOTH
+from xdynamics.elementary.rounding_margins import SMOOTH
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
 from xdynamics.march.events.one_sided_rates import LATE, is_certain, moment, step_ahead
-from xdynamics.march.events.zero_tests import CROSSED, NONE, ROUGHLY, murk, sign
+from xdynamics.march.events.zero_tests import CROSSED, NONE, ROUGHLY, murk, resolution, sign
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.outcomes import EVENT_ACCUMULATION, RUNNING, SLIDING_MODE
 from xdynamics.march.run import Run
+from xdynamics.march.trial_step import copy
 from xdynamics.model.detectors import OCCASION, PERIODIC
 from xdynamics.model.parts import ACTIONS
 
@@ -102,8 +103,7 @@ def find_sides(run: Run) -> None:
 @shared
 def find_sides_from_rest(run: Run) -> None:
     """Do so for functions whose rates are zero, or not known, a moment later."""
-    for i in range(run.detectors.shape[0]):
-        run.entered[i] = run.slopes[i]
+    copy(run.slopes, run.arguments)
     step_ahead(run, run.y, moment(run))
     called(run.law[DETECT], run, run.z, run.far_g, 0)
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
@@ -115,10 +115,8 @@ def find_sides_from_rest(run: Run) -> None:
             departure.side = sign(change) if abs(change) > ROUGHLY * abs(run.near_g[i]) else 0
         elif is_certain(run, i, run.z):
             departure.side, departure.from_rest = sign(run.slopes[i]), 1
-    for i in range(run.detectors.shape[0]):
-        run.slopes[i] = run.entered[i]
-    for i in range(run.y.shape[0]):
-        run.z[i] = run.y[i]
+    copy(run.arguments, run.slopes)
+    copy(run.y, run.z)
     set_time(run, T, run.now[0].t)
 
 
@@ -132,7 +130,7 @@ def take_departure(run: Run, i: int) -> None:
     watch, departure, direction = run.watches[i], run.departures[i], run.detectors[i].direction
     side, own, before = departure.side, watch.hit != NONE, sign(departure.rate)
     rate = 0.0 if isnan(run.slopes[i]) else run.slopes[i]
-    within = max(abs(departure.rate), abs(rate)) * LATE * spacing_of(run, i)
+    within = max(abs(departure.rate), abs(rate)) * LATE * resolution(run, i, 0.0)
     if not may_be_zero(run, i, run.g[i]) or abs(run.g[i]) > max(murk(run, i, run.z), within):
         watch.armed, departure.leaves = sign(run.g[i]), STANDING
     else:
@@ -144,12 +142,6 @@ def take_departure(run: Run, i: int) -> None:
         departure.goes_on = max(departure.goes_on, int(passes and departure.from_rest > 0))
     watch.ever = max(watch.ever, abs(watch.armed))
     departure.rate = rate
-
-
-@shared
-def spacing_of(run: Run, i: int) -> float:
-    """Return the time within which an event is located."""
-    return max(run.detectors[i].tolerance, 2.0 * EPS * abs(run.now[0].t))
 
 
 @shared
@@ -262,7 +254,7 @@ def accumulate_here(run: Run) -> None:
     """Note that the actions of the instant have no end in time."""
     for i in range(run.detectors.shape[0]):
         if run.departures[i].last == run.trial[0].t:
-            run.departures[i].limit, run.departures[i].doubt = run.trial[0].t, spacing_of(run, i)
+            run.departures[i].limit, run.departures[i].doubt = run.trial[0].t, resolution(run, i, 0.0)
 
 
 @shared
@@ -272,7 +264,7 @@ def note_pause(run: Run, i: int) -> None:
     Three pauses in a row whose ratio stays below 1 are as good as a geometric series, and what is left of its sum tells
     when it ends. Where rounding shapes the last ones, it is enough that pauses near the time tolerance have halved.
     """
-    departure, t, tolerance = run.departures[i], run.trial[0].t, spacing_of(run, i)
+    departure, t, tolerance = run.departures[i], run.trial[0].t, resolution(run, i, 0.0)
     pause = t - departure.last
     if pause == 0.0:
         return

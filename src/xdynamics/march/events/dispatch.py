@@ -12,18 +12,18 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BORDER, AT_BOTH, AT_NODE
-from xdynamics.march.calls import called, entered_by, run_at
+from xdynamics.march.calls import called, run_at
 from xdynamics.march.events.arming import arm, forget
 from xdynamics.march.events.departures import begin_departures, judges
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import arrives, isolate, quiet
 from xdynamics.march.events.switch_sides import take_sides
-from xdynamics.march.events.transition import hand_over, meet_here, ring_alone
+from xdynamics.march.events.transition import check, hand_over, meet_here, ring_alone
 from xdynamics.march.events.zero_tests import resolution
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
-from xdynamics.march.run import BEGIN_EVENTS, CHECK, CONTACT_PHASE, HOLD, MEET_HERE, RING, TAKE_SIDES, Run
+from xdynamics.march.run import BEGIN_EVENTS, MEET_HERE, RING, TAKE_SIDES, Run
 from xdynamics.march.trial_step import keep, look, substep, take
 from xdynamics.model.detectors import OCCASION
 from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
@@ -88,8 +88,7 @@ def begin(run: Run) -> None:
         arm(run, i, run.g[i])
     if judges(run):
         begin_departures(run)
-    if run.plan[0].contacts == HOLD and run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, run.now[0].t, CHECK)
+    check(run, run.now[0].t)
 
 
 @shared
@@ -107,8 +106,7 @@ def meet(run: Run) -> int:
         return REASON_EVENT
     take(run)
     run.kept[0].growth, run.piece[0].cut = growth, int(run.piece[0].substeps > 0)
-    if run.plan[0].contacts == HOLD and run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, trial.t, CHECK)
+    check(run, trial.t)
     return SOUND
 
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import enclosed_by
+from xdynamics.march.events.zero_tests import enclose_here
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate, slope_of
-from xdynamics.march.run import ENCLOSE, Run
+from xdynamics.march.run import Run
 
 State = NDArray[Any]
 
@@ -49,9 +49,6 @@ def is_certain(run: Run, i: int, state: State) -> bool:
 @shared
 def uncertainty_of_rate(run: Run, i: int, state: State) -> float:
     """How far rounding may move the rate of an event function at a state; t is its time."""
-    piece, slope = run.piece[0], run.detectors[i].slope
-    start, end, width, wide = piece.start, piece.end, piece.width, piece.wide
-    piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, 0.0
-    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[2], i)
-    piece.start, piece.end, piece.width, piece.wide = start, end, width, wide
+    slope = run.detectors[i].slope
+    enclose_here(run, i, state, run.parts[2], 0.0)
     return float((run.over[slope] - run.under[slope]) / 2.0)

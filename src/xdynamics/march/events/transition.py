@@ -226,7 +226,7 @@ def cross(run: Run, before: int) -> bool:
     if plan.switches > 0:  # what holds bodies together is judged by the forces behind the event
         acted = keep_sides(run, acted, True) or acted
     changed = acted or plan.reactions > 0
-    if plan.reactions > 0 and plan.contacts == HOLD and not touch(run, row):
+    if holds(run) and not touch(run, row):
         break_off(run, before)
         return False
     note_offsets(run, before)
@@ -254,6 +254,19 @@ def cross(run: Run, before: int) -> bool:
 
 
 @shared
+def holds(run: Run) -> bool:
+    """Whether contacts are located and held closed, rather than stepped over."""
+    return bool(run.plan[0].reactions > 0 and run.plan[0].contacts == HOLD)
+
+
+@shared
+def check(run: Run, t: float) -> None:
+    """End the run where the trial's state, at a time, breaks the law of contact."""
+    if holds(run):
+        entered_by(run.functions[CONTACT_PHASE], run, t, CHECK)
+
+
+@shared
 def meets_contact(run: Run) -> bool:
     """Whether an event at the trial's end is one of a contact or friction."""
     met = False
@@ -268,7 +281,7 @@ def agree(run: Run) -> bool:
     for _ in range(run.detectors.shape[0]):
         if not keep_sides(run, True, False):
             break
-        if run.plan[0].contacts == HOLD:
+        if holds(run):
             entered_by(run.functions[CONTACT_PHASE], run, run.trial[0].t, DERIVE)
             if run.now[0].status == REASON_CONTACT:
                 return False
@@ -322,9 +335,9 @@ def go_on(run: Run, reached: bool) -> None:
         if run.balance[GUARD] != KEPT_ALL:
             end(run, CONTACT_INCONSISTENT)
     rearm(run, run.instant.shape[0] > 0 and run.instant[0].changed > 0)
-    if run.plan[0].reactions > 0 and run.plan[0].contacts == HOLD:
+    if holds(run):
         copy(run.y, run.z)
-        entered_by(run.functions[CONTACT_PHASE], run, now.t, CHECK)
+        check(run, now.t)
 
 
 @shared

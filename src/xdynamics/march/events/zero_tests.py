@@ -40,21 +40,23 @@ def enclose_constants(run: Run) -> None:
 
 
 @shared
+def enclose_here(run: Run, i: int, state: State, last: int, wide: float) -> None:
+    """Enclose what an event function depends on at a state, whose time stands among the numbers: rounding alone."""
+    piece = run.piece[0]
+    start, end, width, wider = piece.start, piece.end, piece.width, piece.wide
+    piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, wide
+    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], last, i)
+    piece.start, piece.end, piece.width, piece.wide = start, end, width, wider
+
+
+@shared
 def uncertainty(run: Run, i: int, state: State) -> float:
     """How far an event function may be off by rounding and, where it is estimated, by the error of the step.
 
     A guarded function is held to its side where the march is, so that only rounding counts for a gap.
     """
-    piece, place = run.piece[0], run.detectors[i].value
-    start, end, width = piece.start, piece.end, piece.width
-    piece.start, piece.end, piece.width, piece.wide = (
-        run.at[T],
-        run.at[T],
-        0.0,
-        1.0 if run.watches[i].guard == 0 else 0.0,
-    )
-    enclosed_by(run.functions[ENCLOSE], run, state, state, run.parts[0], run.parts[1], i)
-    piece.start, piece.end, piece.width, piece.wide = start, end, width, 0.0
+    place = run.detectors[i].value
+    enclose_here(run, i, state, run.parts[1], 1.0 if run.watches[i].guard == 0 else 0.0)
     if run.detectors[i].sampled:
         return ROUGHLY * run.watches[i].greatest
     if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
