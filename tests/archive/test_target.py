@@ -405,3 +405,19 @@ def test_a_name_that_cannot_be(run: xr.Dataset, tmp_path: Path, name: str, fault
         with pytest.raises(xd.InputError, match=fault):
             act(tmp_path / name)
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.PNG", "run.toml", "run.json", "run.txt", "run.xlsx"])
+def test_a_name_of_another_kind_of_file_is_refused(tmp_path: Path, name: str) -> None:
+    """Assert one line that names the suffix and a name that would do, before anything is marched or written."""
+    with pytest.raises(xd.InputError, match=rf"ends in '\.{name.split('.')[1]}'.*name it like '.*run\.nc'"):
+        xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), path=tmp_path / name)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("name", ["run", "run.nc", "run.NC", "run.h5", "step_0.5", "run.2"])
+def test_other_names_are_an_archives(tmp_path: Path, name: str) -> None:
+    """Assert that what ends in no suffix, or in a number, may be an archive's name."""
+    path = tmp_path / name
+    xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), path=path).close()
+    assert xd.open_run(path).attrs["run_outcome"] in ("completed", "stopped_by_event")

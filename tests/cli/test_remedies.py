@@ -46,9 +46,9 @@ def test_a_gap_with_a_kink() -> None:
     assert ends == pytest.approx([-0.52, -0.52], abs=1e-12)
 
 
-@pytest.mark.parametrize(("text", "remedy"), [("12", "write '12 s'"), ("2 fortnights", "min, h, day, month and year")])
+@pytest.mark.parametrize(("text", "remedy"), [("12 rad", "needs 's'"), ("2 fortnights", "min, h, day, month and year")])
 def test_an_end_without_a_unit_of_time(text: str, remedy: str, tmp_path: Path) -> None:
-    """Assert that the units of time are named; of a bare number the whole text."""
+    """Assert that the units of time are named; and of a pure number, too."""
     refused = call("run", BALL, "-o", tmp_path / "b.nc", "--until", text)
     assert (refused.exit_code, remedy in refused.output) == (2, True)
 

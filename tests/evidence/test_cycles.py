@@ -268,14 +268,16 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
                 }
             )
 
-        other = xr.Dataset({"time": ("step", [0.0, companions_end])})
+        other = run.isel(step=run.time.values <= companions_end)
         stub: Any = type("Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside)})()
         return float(belief.believed(Chunks.of(run), stub)["believed_until"][1])
 
     times = run.time.values
     monkeypatch.setattr(belief, "sampled", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
     step = 2 * 0.02 + 1e-9
-    assert believed(lambda t: (0.099 * span + 0 * t, -0.099 * speeds + 0 * t)) == end
+    late = times > 6.0  # by when the range is that of the whole run
+    assert np.ptp(run.x.values[~late]) == pytest.approx(span, rel=0.005)
+    assert believed(lambda t: (0.099 * span * (t > 6.0), -0.099 * speeds * (t > 6.0))) == end
     assert believed(lambda t: (np.where(t > 3.0, -0.101 * span, 0.0), 0 * t)) == pytest.approx(3.0, abs=step)
     assert believed(lambda t: (0 * t, np.where(t > 5.0, 0.101 * speeds, 0.0))) == pytest.approx(5.0, abs=step)
     assert believed(lambda t: (np.where(np.abs(t - 3.0) < 0.011, span, 0.0), 0 * t)) == end

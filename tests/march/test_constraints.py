@@ -163,6 +163,24 @@ def test_a_start_is_consistent_or_moved() -> None:
     assert xd.Model.from_text(moved.to_toml()) == moved
 
 
+@pytest.mark.parametrize("method", ["rk4", "velocity_verlet", "radau_iia"])
+@pytest.mark.parametrize(("mass", "what"), [("0*m", "'y' has no mass"), ("x", "its mass matrix is singular")])
+def test_a_mass_that_does_not_resist_is_told(method: str, mass: str, what: str) -> None:
+    """Assert one line where constraints act on what has no mass, or on masses of which only a sum counts."""
+    together = {"y": "0*m"} if mass == "0*m" else {}
+    model = xd.Model(
+        name="massless end",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m", **together} if together else {"matrix": [["m", "m"], ["m", "m"]]},
+        constraints={"joined": {"holds": "x - y"}},
+        forces={"spring": {"x": "-4*newton/metre*x"}},
+        initial={"x": "1 m", "y": "1 m"},
+    )
+    with pytest.raises(xd.InputError, match=f"{what} at the start, and constraints act by what masses resist them"):
+        xd.simulate(model, method=method, step="10 ms", until="1 s")
+
+
 WRONG = {
     ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "x > 0*metre"'): "compares.*contacts",
     ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "v_x"'): "reads the velocity 'v_x'.*rolls",

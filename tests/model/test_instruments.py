@@ -363,3 +363,44 @@ def test_elements_of_a_dataset_are_labelled_or_in_order(coordinates: dict[str, l
     )
     found = measured(data, ["r·Sun", "r·Moon"], shapes=shapes)
     assert [found.values[name][0].tolist() for name in ("r·Sun", "r·Moon")] == [[1.0, 2.0, 5.0], [3.0, 4.0, 6.0]]
+
+
+def test_a_row_far_below_is_read(tmp_path: Path) -> None:
+    """Assert that a row behind very many empty ones counts, as does the number of rows, and a wide sheet is refused."""
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row, cells in {1: ["Time (s)", "pull (N)"], 2: [0.0, 1.5], 200_100: [0.2, 3.5]}.items():
+        for column, cell in enumerate(cells, start=1):
+            book.active.cell(row, column, cell)
+    book.save(tmp_path / "far.xlsx")
+    model = fallen(tmp_path, "far.xlsx", 'column = "pull"', content=(tmp_path / "far.xlsx").read_bytes())
+    assert model.drives["pull"].table.value.tolist() == [1.5, 3.5]
+    book.active.cell(2, 300, 1.0)
+    book.save(tmp_path / "wide.xlsx")
+    with pytest.raises(xd.ModelError, match=r"sheet 'Sheet' has 300 columns in row 2, 256 at most"):
+        fallen(tmp_path, "wide.xlsx", content=(tmp_path / "wide.xlsx").read_bytes())
+
+
+@pytest.mark.parametrize("titles", [("clock [s]", "T [K]"), ("T [K]", "time [s]"), ("T [K]", "t [s]")])
+def test_a_temperature_is_no_time(titles: tuple[str, str]) -> None:
+    """Assert that times are counted from their first, and temperatures called T are left as they are."""
+    own = (
+        ["3" if "K" not in title else "300" for title in titles],
+        ["4" if "K" not in title else "301" for title in titles],
+    )
+    text = "\n".join([",".join(titles), *map(",".join, own)]) + "\n"
+    clock = next(k for k, title in enumerate(titles) if "K" not in title)
+    lines = as_table("room.csv", text, Reading(time_zero="first")).splitlines()[-2:]
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    assert [row[clock] for row in rows] == [0.0, 1.0]
+    assert [row[1 - clock] for row in rows] == [300.0, 301.0]
+
+
+def test_a_dataset_of_temperatures_is_compared() -> None:
+    """Assert that a variable T(time) in kelvins is a quantity, and one in seconds may be the time."""
+    data = xr.Dataset({"T": ("time", [300.0, 301.0], {"units": "K"})}, {"time": ("time", [0.0, 1.0], {"units": "s"})})
+    found = measured(data, ["T"])
+    assert found.times.tolist() == [0.0, 1.0]
+    assert found.values["T"][0].tolist() == [300.0, 301.0]
+    assert measured({"T [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [4.0, 5.0]
+    assert measured({"T [K]": [4.0, 5.0], "t [s]": [1.0, 2.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [1.0, 2.0]

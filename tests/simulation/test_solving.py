@@ -166,3 +166,68 @@ def test_what_cannot_be_solved_is_named(given: dict[str, Any], said: str) -> Non
     asked = {"fun": lambda t, y: [-y[0]], "t_span": (0, 1), "y0": [1.0], "rtol": 1e-6} | given
     with pytest.raises(xd.InputError, match=said):
         xd.solve(**asked)
+
+
+def test_times_that_are_evaluated_have_the_events_beside_them() -> None:
+    """Assert that scipy's t_events and y_events do not depend on t_eval, with states and times of scipy's own."""
+
+    def fall(t: Any, y: Any) -> Any:
+        return [y[1], -9.81]
+
+    def ground(t: Any, y: Any) -> Any:
+        return y[0]
+
+    def apex(t: Any, y: Any) -> Any:
+        return y[1]
+
+    ground.terminal, ground.direction = True, -1  # type: ignore[attr-defined]
+    times = np.linspace(0.0, 9.0, 31)
+    found = xd.solve(fall, (0, 9), [1.0, 2.0], "dop853", t_eval=times, events=[ground, apex], rtol=1e-9)
+    solution = found.dynamics.solution
+    theirs = solve_ivp(fall, (0, 9), [1.0, 2.0], "DOP853", t_eval=times, events=[ground, apex], rtol=1e-9, atol=1e-12)
+    assert solution.t.tolist() == theirs.t.tolist()
+    assert solution.y == pytest.approx(theirs.y, abs=1e-8)
+    for ours, other in zip(solution.t_events + solution.y_events, theirs.t_events + theirs.y_events, strict=True):
+        assert ours == pytest.approx(other, abs=1e-8)
+    assert solution.status == theirs.status == 1
+
+
+@pytest.mark.parametrize("events", [True, False])
+def test_a_stop_before_the_first_wanted_time_leaves_none(*, events: bool) -> None:
+    """Assert an empty solution, as scipy has it, of a run that ends before the first of t_eval."""
+
+    def fall(t: Any, y: Any) -> Any:
+        return [y[1], -9.81] if events else [y[1], -9.81 / np.sqrt(0.25 - t)]
+
+    def ground(t: Any, y: Any) -> Any:
+        return y[0]
+
+    ground.terminal = True  # type: ignore[attr-defined]
+    chosen = {"events": ground} if events else {}
+    found = xd.solve(fall, (0, 9), [1.0, 0.0], "dop853", t_eval=[5.0, 6.0], rtol=1e-9, **chosen)
+    solution = found.dynamics.solution
+    assert solution.t.size == 0
+    assert solution.y.shape == (2, 0)
+    assert solution.status == (1 if events else -1)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ({"terminal": "no"}, "terminal is 'no', needs True, False, or the number"),
+        ({"terminal": -1}, "terminal is -1, needs"),
+        ({"terminal": 1.5}, "terminal is 1.5, needs"),
+        ({"terminal": float("nan")}, "terminal is nan, needs"),
+        ({"direction": "up"}, "direction is 'up', needs a number"),
+        ({"direction": float("nan")}, "direction is nan, needs a number"),
+    ],
+)
+def test_attributes_of_events_that_scipy_does_not_take(attributes: dict[str, Any], words: str) -> None:
+    """Assert one line for each."""
+
+    def passes(t: Any, y: Any) -> Any:
+        return y[0] - 0.5
+
+    vars(passes).update(attributes)
+    with pytest.raises(xd.InputError, match=words):
+        xd.solve(swing, (0, 1), [1.0, 0.0], events=passes)

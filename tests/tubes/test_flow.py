@@ -114,3 +114,33 @@ def test_no_motion_leaves_the_box_of_its_step() -> None:
         slack = 1e-9 * boxes.size(proof.within)
         assert (reached[0] >= proof.within[0] - slack).all()
         assert (reached[1] <= proof.within[1] + slack).all()
+
+
+@pytest.mark.parametrize(
+    ("rate", "half_width"),
+    [
+        *(("asin(0.8*sin(x)) - 2*x", half_width) for half_width in (0.01, 0.1, 0.5, 1.0, 1.5)),
+        *(("atan(0.5*x) - 2*x", half_width) for half_width in (0.01, 1.0)),
+        *(("asin(0.5*x) - 2*x", half_width) for half_width in (0.01, 0.5)),
+    ],
+)
+def test_a_set_around_what_rests(rate: str, half_width: float) -> None:
+    """Assert that motions around a point that rests, whose polynomials are rounding alone, are proven like any others."""
+    from scipy.integrate import solve_ivp
+
+    model = of_rate(rate).replace(initial={"x": {"value": "0", "half_width": half_width}})
+    flow = Flow(interval_problem_of(model), 20, 1e-16)
+    for _ in flow.until([time_box(1.0)]):
+        pass
+    assert flow.reason == ""
+    turned = {"asin": np.arcsin, "atan": np.arctan, "sin": np.sin}
+
+    def slope(_: float, x: np.ndarray) -> np.ndarray:
+        return eval(rate, {}, {**turned, "x": x})
+
+    last = solve_ivp(slope, (0, 1), [half_width], method="DOP853", rtol=1e-12, atol=1e-14).y[0, -1]
+    if half_width < 0.1:  # the theorem of the mean is coarse over wide sets
+        assert flow.box[1, 0] < 1.1 * last
+        assert flow.box[0, 0] > -1.1 * last
+    assert flow.box[0, 0] <= -last * (1 - 1e-10)
+    assert flow.box[1, 0] >= last * (1 - 1e-10)

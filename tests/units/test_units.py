@@ -343,7 +343,7 @@ def test_rates_in_a_time_without_a_unit_keep_theirs() -> None:
 
 
 def test_times_of_a_model_without_seconds_are_pure_numbers() -> None:
-    """Assert bare and pure numbers, percents of 1, and refusal of seconds; with seconds a pure number as a text is none."""
+    """Assert bare and pure numbers, percents of 1, refusal of seconds, and a number as a text in the model's unit."""
     assert (time_in(NUMBERS, 3, "until"), time_in(NUMBERS, "3", "until"), time_in(NUMBERS, "50 percent", "until")) == (
         3.0,
         3.0,
@@ -352,8 +352,9 @@ def test_times_of_a_model_without_seconds_are_pure_numbers() -> None:
     assert (time_in(SECONDS, "2 min", "until"), time_in(SECONDS, 2, "until")) == (120.0, 2.0)
     with pytest.raises(InputError, match="until '3 s' has units 's', and the model's time is a pure number"):
         time_in(NUMBERS, "3 s", "until")
-    with pytest.raises(InputError, match="until '3' has units '1', needs 's'"):
-        time_in(SECONDS, "3", "until")
+    assert time_in(SECONDS, "3", "until") == 3.0
+    with pytest.raises(InputError, match="until '3 rad' has units '1', needs 's'"):
+        time_in(SECONDS, "3 rad", "until")
     with pytest.raises(InputError, match="until: quantity 'x' does not start"):
         parse_time("x", "until")
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.segments import clear_rest, discard, has_segments
     from xdynamics.archive.source import check_source
-    from xdynamics.archive.stores import check_target
+    from xdynamics.archive.stores import check_archive, check_target
     from xdynamics.archive.streaming import stream
     from xdynamics.archive.writing import save, save_many
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _ROOMS = {
     "check_source": "source",
     "clear_rest": "segments",
+    "check_archive": "stores",
     "check_target": "stores",
     "check_unchanged": "integrity",
     "content_digest": "content",
@@ -38,6 +39,7 @@ _ROOMS = {
 }
 
 __all__ = [
+    "check_archive",
     "check_source",
     "check_target",
     "check_unchanged",

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.archive.folder_store import FOLDERS
 from xdynamics.archive.place import ObjectName, Place
 from xdynamics.archive.store import FOLDER, NewFile, Store
+from xdynamics.faults import InputError
 
 if TYPE_CHECKING:
     from xdynamics.model import Model
+
+ARCHIVES = (".nc", ".nc4", ".netcdf", ".cdf", ".h5", ".hdf5", ".hdf", ".he5")  # ends of names of archives
 
 
 def store_of(place: Place) -> Store[Any]:
@@ -31,6 +34,34 @@ def made_folder(place: Place) -> Any:
 def check_target(place: Place, model: Model | None = None) -> None:
     """Check before any work that a file can be written to a place, and that nothing is lost there; see `Store`."""
     store_of(place).check_target(place, model)
+
+
+def check_archive(place: Place, model: Model | None = None) -> None:
+    """Check the same of an archive, and that its name ends like one.
+
+    Raises
+    ------
+    InputError
+        If the name says that it is a file of another kind.
+    """
+    check_target(place, model)
+    check_suffix(place)
+
+
+def check_suffix(place: Place) -> None:
+    """Refuse to write an archive under a name of another kind of file; what follows a point need not be a suffix.
+
+    Raises
+    ------
+    InputError
+        With a name that would do.
+    """
+    suffix = place.suffix
+    if suffix[1:].isalpha() and suffix.lower() not in ARCHIVES:
+        raise InputError(
+            f"'{place}' ends in '{suffix}', and an archive is netCDF: name it like '{place.with_suffix('.nc')}'; states"
+            " become a table by `xdynamics sample`, a figure by `xdynamics plot`"
+        )
 
 
 def taking_name(place: Place) -> AbstractContextManager[NewFile[Any]]:

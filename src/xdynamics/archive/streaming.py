@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.segments import Segments
-from xdynamics.archive.stores import check_target
+from xdynamics.archive.stores import check_archive
 from xdynamics.archive.writer import Writer
 from xdynamics.archive.writing import new_file
 from xdynamics.march import LogBlock, March
@@ -63,7 +63,7 @@ def streamed(
         If the file cannot be written; the final name is untouched, and the segments stay.
     """
     place = placed(path)
-    check_target(place, march.model)
+    check_archive(place, march.model)
     with Segments(place, march, resume=resume) as segments:
         with new_file(place, keeps=True, read_back=read_back) as writer:
             _fill(writer, march, segments, segments.rows() if len(segments) else before)

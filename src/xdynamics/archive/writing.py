@@ -21,7 +21,7 @@ from xdynamics.archive.sandboxed_reading import examined, know, see
 from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
 from xdynamics.archive.shared_handles import identity_of
 from xdynamics.archive.store import FileBatch
-from xdynamics.archive.stores import made_folder, store_of
+from xdynamics.archive.stores import check_suffix, made_folder, store_of
 from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
@@ -279,6 +279,7 @@ def new_file(
     file that its store does not take stays on this machine. Without `read_back` a file is opened again, but its values are
     not read: for one of many that are written alike.
     """
+    check_suffix(path)
     with store_of(path).taking_name(path, batch) as new:
         first = new.name
         with opened(new.part, "w") as file:

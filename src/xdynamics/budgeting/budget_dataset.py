@@ -16,10 +16,9 @@ from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Dr
 from xdynamics.budgeting.numerical import Compared, Estimate
 from xdynamics.budgeting.own_run import OwnRun
 from xdynamics.budgeting.proven_bounds import ProvenBounds, proven_as
-from xdynamics.budgeting.rounding import rounded
+from xdynamics.budgeting.rounding import drawn_interval, rounded
 from xdynamics.budgeting.sources import COMPARED, NUMBER, OWN
 from xdynamics.budgeting.term import Term
-from xdynamics.elementary.arrays import applied
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.schema import PROVEN, flags
 from xdynamics.units import parse_unit
@@ -75,12 +74,10 @@ def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Draw
         about("1", "what contradicts itself in the run's record, in words; empty if nothing does", "outcome"),
     )
     later: dict[str, Any] = {}
-    verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
+    verdict, bound = NOT_CHECKED, float(variables["numerical_bound"][1])
     if monte_carlo is not None:
         variables |= draws_as(monte_carlo, unit, request.coverage)
         verdict, later = _judged(request, value, float(variables["physical_rss"][1]), monte_carlo)
-        if verdict == NOT_ADEQUATE:
-            total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
     variables["linear_verdict"] = (
         (),
         np.int8(verdict),
@@ -88,10 +85,13 @@ def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Draw
         | flags(dict(enumerate(LINEAR))),
     )
     variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
-    coverage_text = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
-    coverage_text += _choice(request, budgeted.terms)
-    bound = float(variables["numerical_bound"][1])
-    later |= {"result": rounded(value, total, bound, unit.text, coverage_text)}
+    choice = _choice(request, budgeted.terms)
+    result = rounded(value, float(variables["total_rss"][1]), bound, unit.text, f"k = 2{choice}")
+    if monte_carlo is not None and verdict == NOT_ADEQUATE:  # the number need not lie in the middle of what was drawn
+        low, high = monte_carlo.symmetric
+        origin = f"{100.0 * request.coverage:.4g} % of the draws{choice}"
+        result = drawn_interval(low, high, monte_carlo.ends_doubt, bound, unit.text, origin)
+    later |= {"result": result}
     if own.extreme_rule is not None:
         later |= {"extreme_rule": own.extreme_rule, "extreme_time": own.extreme_time}
     variables |= later_as(later, unit.text, target.second)

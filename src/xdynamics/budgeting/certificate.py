@@ -16,10 +16,11 @@ from xdynamics.archive.place import GIVEN, Given
 from xdynamics.budgeting.budget import budget_stage, error_budget
 from xdynamics.budgeting.budget_request import BudgetRequest, budget_request
 from xdynamics.budgeting.budget_summary import place_of, settled_by
-from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
+from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR, NOT_ADEQUATE
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.budgeting.proven_bounds import ProvenBounds
-from xdynamics.budgeting.rounding import same_number, short
+from xdynamics.budgeting.rounding import rounded, same_number, short
+from xdynamics.elementary.arrays import applied
 from xdynamics.evidence.evidence_dataset import exhibit, stated
 from xdynamics.evidence.gates import FAILED, GATE, GATES, NOT_CHECKED, PASSED, gates_as
 from xdynamics.evidence.refining.judgements import NOT_CONVERGING
@@ -313,11 +314,23 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
     if is_older:
         again = again.isel({GATE: again["gate_name"].values != RECORD}).drop_vars("run_contradiction")
         again.attrs["asked"] = attributes["asked"]
+        again = _with_symmetric_result(again)
     if faults := _apart(original, again):
         raise ArchiveError(
             f"the certificate of {attributes.get('of')} could not be reproduced:{numbered(faults)}", tuple(faults)
         )
     return again
+
+
+def _with_symmetric_result(certificate: xr.Dataset) -> xr.Dataset:
+    """Write the number of a certificate as earlier versions did: with twice what was drawn on either side."""
+    if int(certificate["linear_verdict"]) != NOT_ADEQUATE:
+        return certificate
+    parts = (certificate[name] for name in ("monte_carlo_standard_uncertainty", "numerical_rss"))
+    total = float(applied("hypot", *map(float, parts)))
+    value, bound = float(certificate["value"]), float(certificate["numerical_bound"])
+    result = rounded(value, total, bound, str(certificate["value"].attrs["units"]), "k = 2, drawn")
+    return certificate.assign(result=certificate["result"].copy(data=np.array(result))).assign_attrs(result=result)
 
 
 def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:

@@ -31,7 +31,7 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.march.tolerances import LEAST_RTOL
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.model import Model
-from xdynamics.units import NONE
+from xdynamics.units import NONE, Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -330,7 +330,10 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         "initial": dict(model.statement.initial),
     }
     moved = {
-        section: {name: entry.value * (1.0 - EPS * int(rng.integers(2))) for name, entry in entries.items()}
+        section: {
+            name: str(Quantity(entry.value * (1.0 - EPS * int(rng.integers(2))), entry.unit))
+            for name, entry in entries.items()
+        }
         for section, entries in numbers.items()
         if entries
     }

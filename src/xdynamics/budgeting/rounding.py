@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from math import inf, isfinite
 
-from xdynamics.units.digits import UNESTIMATED, scientific, with_uncertainty
+from xdynamics.units.digits import UNESTIMATED, known_to, scientific, with_uncertainty
 
 EXPANDED = 2.0  # coverage factor
+FINELY = 1e-3  # of an interval: to which its ends are written where nothing else says how well they are known
 _NUMBER = re.compile(r"\d+(\.\d+)?(e-?\d+)?")
 _SCALED = re.compile(r"\(([-\d.]+) ± ([\d.]+)\)e(-?\d+)")
 
@@ -42,6 +43,35 @@ def rounded(value: float, standard: float, numerical: float, units: str, origin:
     if not (expanded > 0.0 and isfinite(expanded)):
         return f"{value!r}{unit} ({remark})"
     return f"{with_uncertainty(value, expanded)}{unit} ({remark})"
+
+
+def drawn_interval(
+    low: float, high: float, doubt: float, numerical: float, units: str, origin: str = "95 % of the draws"
+) -> str:
+    """Write a number as the interval that holds most draws of it, widened by its numerical part (JCGM 101:2008, 5.3).
+
+    Parameters
+    ----------
+    low, high, doubt : float
+        Ends of the interval, and how far each may be off.
+    numerical : float
+        Sum of the numerical bounds.
+    units, origin : str
+        As in `rounded`.
+
+    Examples
+    --------
+    >>> drawn_interval(0.00612, 0.36391, 0.0021, 3.1e-9, "m")
+    '0.006 to 0.364 m (95 % of the draws, numerical part 3e-9 m)'
+    >>> drawn_interval(0.00612, 0.36391, inf, inf, "m")
+    'of unknown uncertainty'
+    """
+    unit = "" if units == "1" else f" {units}"
+    if not isfinite(numerical):
+        return "of unknown uncertainty"
+    resolved = doubt if 0.0 < doubt < inf else FINELY * (high - low)
+    ends = (known_to(end, resolved) for end in (low - numerical, high + numerical))
+    return f"{' to '.join(ends)}{unit} ({origin}, numerical part {short(numerical)}{unit})"
 
 
 def short(value: float, digits: int = 1) -> str:

@@ -38,7 +38,7 @@ def returned(run: xr.Dataset, measurand: Measurand) -> float | None:
     if len(whole_steps) < 2:
         return None
     turned = {
-        name: _turned(run, name, int(whole_steps[-1]), velocities)
+        name: f"{_turned(run, name, int(whole_steps[-1]), velocities)!r} {column(run, name).attrs['units']}"
         for name in (*model.statement.coordinates, *velocities)
     }
     until = {"until": float(time[whole_steps[-1]]), "force_samples": "none"}

@@ -155,7 +155,7 @@ def _evidence(
 
     model = changed_model(model_file, changes)
     if output:
-        archive.check_target(placed(output))
+        archive.check_archive(placed(output))
     evidence = made(make, model, quantity, **arguments)
     if output:
         archive.save(evidence, output)
@@ -227,8 +227,10 @@ def fit(
     from xdynamics.documenting.summary import summary
 
     model = changed_model(model_file, changes)
-    for path in filter(None, (output, fitted)):
-        archive.check_target(placed(path))
+    if output:
+        archive.check_archive(placed(output))
+    if fitted:
+        archive.check_target(placed(fitted))
     choices = {name: named.pop(name) for name in ("own", "loss", "intervals", "coverage", "gaps", "starts", "seed")}
     result = fitted_to(
         model,

@@ -155,10 +155,10 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
 def _check(output: str | None) -> None:
     """Check that a target can be written, before anything is marched for it."""
     if output:
-        from xdynamics.archive import check_target
+        from xdynamics.archive import check_archive
         from xdynamics.archive.place import placed
 
-        check_target(placed(output))
+        check_archive(placed(output))
 
 
 def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:

@@ -51,12 +51,12 @@ def run(
 
     A long run keeps its finished segments beside the archive until it is complete; --resume continues from them.
     """
-    from xdynamics.archive import check_target
+    from xdynamics.archive import check_archive
     from xdynamics.archive.place import placed
 
     model = changed_model(model_file, changes, tables)
     arguments = asked(given)
-    check_target(placed(output), model)  # before what marches is imported
+    check_archive(placed(output), model)  # before what marches is imported
     from xdynamics.simulation.single_run import simulate
 
     if times is not None:

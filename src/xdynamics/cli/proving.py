@@ -160,18 +160,19 @@ def enclose(
     step, or at the times of --at, and the times at which all of them pass the zeros of events that record. What has no
     half_width is the number as it is written; a table over time counts as the polynomials of floats that runs look up, and
     steps land on its points. Where every motion of the set passes an event that switches or resets, all go on by the other
-    forces, or from what it sets; at one that stops, bounds end before the first does. Refused: contacts and friction (an
-    impact on a plane is a reset, too), constraints, controllers, periodic events, delays, tables of the motion, forces in
-    Python. Ends with exit code 1, and says why, where no further step is proven.
+    forces, or from what it sets; at one that stops, bounds end before the first does. At a kink or jump that a force has by
+    itself (abs, min, max, sign, floor, mod, where), of the motion or of time, bounds end: write its two sides as regimes
+    with an event that switches, of time also as a table. Refused: contacts and friction (an impact on a plane is a reset,
+    too), constraints, controllers, periodic events, delays, tables of the motion, forces in Python. Ends with exit code 1, and says why, where no further step is proven.
     """
-    from xdynamics.archive import check_target, save
+    from xdynamics.archive import check_archive, save
     from xdynamics.archive.place import placed
     from xdynamics.evidence.enclosing.enclosure import enclose as enclosed
     from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, lines_of
 
     model = changed_model(model_file, values)
     if output:
-        check_target(placed(output))
+        check_archive(placed(output))
     at = list(times) if len(times) > 1 else times[0] if times else None
     with progress("t = {at:.6g}, {count} steps") as report:
         tube = enclosed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -86,7 +87,7 @@ def solution(run: xr.Dataset) -> Solution:
         raise InputError("the Dataset is no run record, nor the states of one at chosen times")
     t, y = np.asarray(run[times].values, float), _rows(run, names)
     last = np.append(np.diff(t) > 0, True) if along == STEPS else np.ones(len(t), bool)
-    t_events, y_events = _events(run, y) if along == STEPS else ([], [])
+    t_events, y_events = _events(run, y if along == STEPS else None, names)
     sol = partial(_between, run, names) if along == STEPS else _not_between
     outcome, message = str(run.attrs.get("run_outcome", "completed")), str(run.attrs.get("run_outcome_text", ""))
     elements = [label for name in names for label in _elements(run, name)]
@@ -98,7 +99,10 @@ def solution(run: xr.Dataset) -> Solution:
 def _rows(states: xr.Dataset, names: list[str]) -> Floats:
     """Return quantities as rows, those with dimensions flattened."""
     return np.concatenate(
-        [np.asarray(states[name].values, float).reshape(states[name].shape[0], -1).T for name in names]
+        [
+            np.asarray(states[name].values, float).reshape(states[name].shape[0], prod(states[name].shape[1:])).T
+            for name in names
+        ]
     )
 
 
@@ -107,14 +111,15 @@ def _elements(run: xr.Dataset, name: str) -> list[str]:
     return [f"{name}[{', '.join(map(str, place))}]" for place in np.ndindex(shape)] if shape else [name]
 
 
-def _events(run: xr.Dataset, y: Floats) -> tuple[list[Floats], list[Floats]]:
+def _events(run: xr.Dataset, y: Floats | None, names: list[str]) -> tuple[list[Floats], list[Floats]]:
+    """Return times of and states after the events of each detector; of states at wanted times what stands beside them."""
     if "event_detector" not in run:
         return [], []
     labels = str(run["event_detector"].attrs.get("flag_meanings", "")).split()
     found = np.array(words_of(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
     places = [np.flatnonzero(found == label) for label in labels]
-    rows = np.asarray(run["event_row_after"].values, int)
-    return [run["event_time"].values[place] for place in places], [y[:, rows[place]].T for place in places]
+    after = _rows(run, [f"after_{name}" for name in names]) if y is None else y[:, run["event_row_after"].values]
+    return [run["event_time"].values[place] for place in places], [after[:, place].T for place in places]
 
 
 def _between(run: xr.Dataset, names: list[str], t: Any) -> Floats:

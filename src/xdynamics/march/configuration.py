@@ -34,7 +34,7 @@ from xdynamics.model.switches import (
     landed_on_by_default,
     watched_switches,
 )
-from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
+from xdynamics.units import UNSCALED, Quantity, Scales, Unit, is_number, parse_quantity, time_in, unit_text
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
@@ -152,12 +152,20 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
 
 def _joined(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
     """Join the two; a requested step overrides the defaults' tolerances, and requested tolerances their step."""
+    requested = {key: _in_unit_of(defaults.get(key), value) for key, value in requested.items()}
     kept = dict(defaults)
     tolerant = "rtol" in requested or "atol" in requested
     if tolerant or "step" in requested:
         for key in ("step",) if tolerant else ("step", "rtol", "atol", *PACING):
             kept.pop(key, None)
     return {"force_samples": "all", "scales": None} | kept | requested
+
+
+def _in_unit_of(default: Any, value: Any) -> Any:
+    """Give a text without a unit, as it comes from a command line, the unit of the time that the model's file says."""
+    if isinstance(value, str) and isinstance(default, str) and is_number(value) and not is_number(default):
+        return f"{value} {unit_text(default)}".strip()
+    return value
 
 
 def _step(model: Model, value: Any) -> float | tuple[float, ...] | None:

@@ -347,7 +347,7 @@ def stand(run: Run, t: float) -> None:
     enter_pieces(t, run.tables, run.places, run.of_time)
     run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
-    enter_past(run)
+    enter_past(run, t)
     if run.plan[0].switches > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
 

@@ -220,7 +220,6 @@ def aim(run: Run) -> None:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     node = run.nodes[now.node] if now.node < run.nodes.shape[0] else plan.end
     if run.delays.shape[0] > 0:
-        enter_past(run)
         node = soonest(run, node)
     if plan.adaptive:
         aim_freely(run, node)
@@ -338,7 +337,7 @@ def cross_node(run: Run) -> None:
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     if run.delays.shape[0] > 0:
         run.book[0].crossing = 0
-        enter_past(run)
+        enter_past(run, now.t)
     copy(run.y, run.z)
     evaluate(run, now.t, run.z)
     note_sample(run, now.t, run.z, now.rows - 1)

@@ -2,7 +2,7 @@
 
 Where the motion has a jump or a kink, a delayed value has one a delay later, and the motion one that is smoother by a
 derivative: the march lands on such points up to the order of the method (Hairer, Norsett, Wanner, Solving ODEs I, section
-II.17). Between two of them lies a stretch; a step reads delayed values of one stretch alone, so that no step sees a jump.
+II.17). Between two of them lies a stretch, and a step reads delayed values on its own side of the points that it lands on.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def begin_past(run: Run) -> None:
     for k in range(run.first_breaks.shape[0]):
         add_break(run, run.first_breaks[k], 2)
     echo(run, run.now[0].t, 0)
-    enter_past(run)
+    enter_past(run, run.now[0].t)
 
 
 @shared
@@ -113,8 +113,12 @@ def note_past(run: Run) -> None:
 
 
 @shared
-def enter_past(run: Run) -> None:
-    """Set every delay to the stretch of the past that a step from here reads, or to what was before the start."""
+def enter_past(run: Run, until: float) -> None:
+    """Set every delay to the pieces of the past that a step from here to a time reads, or to what was before the start.
+
+    They are those of the stretch in which the step begins to read, and all that begin before it ends to: a stretch ends,
+    too, at breaking points that are too smooth for a step to end a delay later.
+    """
     if run.delays.shape[0] == 0:
         return
     book, t, start = run.book[0], run.now[0].t, run.plan[0].start
@@ -127,7 +131,9 @@ def enter_past(run: Run) -> None:
         if not before:
             piece = max(0, last_within(run, BEGIN, x))
             stretch = run.past_steps[piece * book.width + STRETCH]
-            low, high = last_within(run, STRETCH, stretch - 0.5) + 1, last_within(run, STRETCH, stretch)
+            low = last_within(run, STRETCH, stretch - 0.5) + 1
+            read_last = last_within(run, BEGIN, until - run.delays[k].time - close)
+            high = max(last_within(run, STRETCH, stretch), read_last)
             run.places[place], run.places[place + 1] = book.first + low * book.width, high + 1 - low
 
 

@@ -53,7 +53,7 @@ def stand_between(run: Run, steps: Floats, states: Floats, k: int) -> None:
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     now.t, now.regime, run.at[REGIME], trial.t, trial.h = t, regime, regime, t1, steps[1, k + 1]
     enter_pieces(t, run.tables, run.places, run.of_time)
-    enter_past(run)
+    enter_past(run, t1)
     if run.plan[0].switches > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if run.plan[0].reactions > 0:

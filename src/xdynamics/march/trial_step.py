@@ -16,6 +16,7 @@ from xdynamics.march.calls import called, entered_by, run_at, stepped_by
 from xdynamics.march.exact_times import set_step, set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.log import note_trial
+from xdynamics.march.past import enter_past
 from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, STEP_LINKS, SUBSTEP, Run
 from xdynamics.schema import REASON_EVENT
 
@@ -28,6 +29,8 @@ def propose(run: Run, t1: float, h: float) -> None:
     """Make one step from the current state, which stays unchanged."""
     trial = run.trial[0]
     trial.t, trial.h, trial.iterations = t1, h, 0
+    if run.delays.shape[0] > 0:
+        enter_past(run, t1)
     if run.plan[0].steps > 1:
         double(run, t1, h)
     else:

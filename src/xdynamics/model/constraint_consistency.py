@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,7 +161,7 @@ class _ConditionsAtStart:
     def implied(self) -> tuple[int, ...]:
         """The conditions that those before them imply here."""
         gradients, mass = self.gradients(self.values), self.mass(self.values)
-        return _implied(gradients @ np.linalg.solve(mass, gradients.T))
+        return _implied(gradients @ over_mass(mass, gradients.T, list(self.statement.coordinates)))
 
     def attached(self, values: Mapping[str, float], moves: Floats) -> dict[str, float]:
         """Return where states that conditions read go with the coordinates: attitudes of bodies, say."""
@@ -199,7 +199,7 @@ class _ConditionsAtStart:
                 if (abs(off) <= 1e-14 * self.sizes(which, values)).all():
                     break
                 gradients = self.gradients(values)
-                reach = np.linalg.solve(self.mass(values), gradients.T)
+                reach = over_mass(self.mass(values), gradients.T, names)
                 moves = -reach @ np.linalg.lstsq(gradients @ reach, off, rcond=INDEPENDENT)[0]
                 if not np.isfinite(moves).all():
                     return None
@@ -208,6 +208,25 @@ class _ConditionsAtStart:
                 values |= self._of_unit_length(values) if which == 0 else {}
         good = (abs(self.numbers(which, values)) <= CONSISTENT * self.sizes(which, values) for which in (0, 1))
         return values if all(part.all() for part in good) else None
+
+
+def over_mass(mass: Floats, forces: Floats, names: Sequence[str]) -> Floats:
+    """Return what forces accelerate.
+
+    Raises
+    ------
+    InputError
+        If the mass matrix has no inverse, with what is without a mass.
+    """
+    try:
+        return np.asarray(np.linalg.solve(mass, forces))
+    except np.linalg.LinAlgError:
+        bare = [spoken(name) for name, row in zip(names, mass, strict=True) if not row.any()]
+        what = f"'{bare[0]}' has no mass" if bare else "its mass matrix is singular"
+        raise InputError(
+            f"{what} at the start, and constraints act by what masses resist them: give {'it' if bare else 'it all'} a mass,"
+            " or leave out a coordinate that the others and a constraint give"
+        ) from None
 
 
 def _implied(matrix: Floats) -> tuple[int, ...]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -16,10 +17,11 @@ from xdynamics.faults import InputError, Ledger, few
 from xdynamics.model.plain_table import PlainTable
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Extent
-from xdynamics.units import Scale, Unit, parse_scale
+from xdynamics.units import NONE, TIME, Scale, Unit, parse_scale
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one that occurs in the header
 COMMENTS = ("#", "%", "//")
+CLOCKS = ("time", "t")
 MOST_FAULTS = 20  # of a table, listed in an error
 SHOWN = 24  # characters of a cell that an error shows
 SKIPPING = ', or leave such lines out with gaps = "skip"'  # which drives and measured data take
@@ -294,6 +296,28 @@ def title(cell: str) -> Title:
             scale = parse_scale(match["unit"].strip() or "1")
             return Title(match["name"], scale.unit, scale)
     raise InputError("it has no unit; write it like 'time [s]', of a pure number 'count [1]'")
+
+
+def is_clock(cell: str) -> bool:
+    """Whether the title of a column is that of times: `time` or `t`, in any case, but of `T` a time or pure number alone.
+
+    Examples
+    --------
+    >>> [is_clock(cell) for cell in ("Time (s)", "t [ms]", "TIME", "T [s]", "T [K]", "clock [s]")]
+    [True, True, True, True, False, False]
+    """
+    name = name_of_title(cell)
+    if name != "T":
+        return name.lower() in CLOCKS
+    with suppress(InputError):
+        return title(cell).unit.dimension in (TIME, NONE)
+    return True  # without a unit it may be either
+
+
+def clocks_of(header: Iterable[str]) -> list[str]:
+    """Return the names of the columns of times among titles, the likeliest first."""
+    names = [name_of_title(cell) for cell in header if is_clock(cell)]
+    return sorted(names, key=lambda name: (name == "T", CLOCKS.index(name.lower())))
 
 
 def name_of_title(cell: str) -> str:

@@ -114,7 +114,7 @@ class ElementNumbers:
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
             one = values.numbers[0] if len(values.numbers) == 1 else np.reshape(values.numbers, shape)
-            return Numbers(np.broadcast_to(one, shape), values.unit)
+            return Numbers(np.broadcast_to(one, shape), values.unit, values.scale)
         unit = self._units()[name]
         numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters))
         numbers = numbers / float(unit.factor)

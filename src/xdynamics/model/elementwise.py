@@ -15,7 +15,7 @@ from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.shapes.naming import parted
-from xdynamics.units import Quantity, Unit
+from xdynamics.units import Quantity, Scale, Unit
 
 Part = TypeVar("Part")
 Make = Callable[[Mapping[str, int]], Part]
@@ -34,14 +34,16 @@ class Numbers:
     numbers : array_like
         Along the quantity's dimensions, in the unit.
     unit : Unit
+    scale : Scale, optional
+        That bare numbers in their place are on.
     """
 
-    def __init__(self, numbers: Any, unit: Unit) -> None:
-        self.numbers, self.unit = np.asarray(numbers, float), unit
+    def __init__(self, numbers: Any, unit: Unit, scale: Scale | None = None) -> None:
+        self.numbers, self.unit, self.scale = np.asarray(numbers, float), unit, scale
 
     def __call__(self, place: Mapping[str, int]) -> Quantity:
         """Return the quantity of an element."""
-        return Quantity(float(self.numbers[tuple(place.values())]), self.unit)
+        return Quantity(float(self.numbers[tuple(place.values())]), self.unit, self.scale)
 
     @property
     def si(self) -> NDArray[np.float64]:
@@ -84,7 +86,7 @@ class ParameterNumbers:
         return Parameter(self._quantity(self.numbers[number]), self.given.spread(number), self.given.description)
 
     def _quantity(self, value: float) -> Quantity:
-        return Quantity(float(value) if isinstance(value, np.float64) else value, self.unit)
+        return Quantity(float(value) if isinstance(value, np.float64) else value, self.unit, self.given.scale)
 
     @property
     def values(self) -> NDArray[np.float64]:

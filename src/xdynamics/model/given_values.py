@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
@@ -51,6 +51,8 @@ class Values:
     tree : Node, optional
         An expression of parameters and of numbers of elements.
     description : str
+    scale : Scale, optional
+        That bare numbers in their place are on.
     """
 
     dims: tuple[str, ...]
@@ -59,6 +61,7 @@ class Values:
     spreads: tuple[Spread | None, ...] = ()
     tree: Node | None = None
     description: str = ""
+    scale: Scale | None = field(default=None, compare=False, repr=False)
 
     def spread(self, i: int) -> Spread | None:
         """Return the spread of an element."""
@@ -115,7 +118,8 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
     if wrong := [number for number in numbers if not isfinite(number)]:
         raise InputError(f"has the value {wrong[0]}, and needs finite numbers")
     about = str(entry.get("description", "")).strip()
-    return Values(dims, scale.unit, numbers, _spreads(entry, scale, shape, dims), description=about)
+    spreads = _spreads(entry, scale, shape, dims)
+    return Values(dims, scale.unit, numbers, spreads, description=about, scale=None if scale.is_unit else scale)
 
 
 def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shapes, *, at_start: bool) -> Values:
@@ -196,8 +200,7 @@ def _in_one_unit(
     flat: Sequence[Any], scale: Scale | None, *, difference: bool = False
 ) -> tuple[tuple[float, ...], Scale]:
     """Return numbers in the unit of the scale that is given, else in that of the first; differences know no offset."""
-    given = scale if scale is not None and scale != Scale(scale.unit) else None  # on which bare numbers are
-    convert = None if given is None else given.difference if difference else given.value
+    convert = _conversion(scale, difference=difference)
     numbers: list[float] = []
     for entry in flat:
         if type(entry) is float and isfinite(entry):  # of a long list each is one
@@ -215,13 +218,22 @@ def _in_one_unit(
             number = entry if isinstance(entry, float) else float(entry)  # which may know more digits
             numbers.append(number if convert is None else convert(number))
             continue
-        scale = Scale(quantity.unit) if scale is None else scale
+        if scale is None:
+            scale = quantity.scale or Scale(quantity.unit)
+            convert = _conversion(scale, difference=difference)
         unit = scale.unit
         if quantity.unit.dimension != unit.dimension:
             raise InputError(f"has '{entry}' beside values in '{unit.text}'; elements of one quantity need one unit")
         same = quantity.unit.text == unit.text
         numbers.append(quantity.value if same else float(quantity.unit.factor / unit.factor) * quantity.value)
     return tuple(numbers), Scale(parse_unit("1")) if scale is None else scale
+
+
+def _conversion(scale: Scale | None, *, difference: bool) -> Callable[[float], float] | None:
+    """Return what puts bare numbers on a scale into its unit; None where they are in it."""
+    if scale is None or scale.is_unit:
+        return None
+    return scale.difference if difference else scale.value
 
 
 def _by_label(

@@ -33,6 +33,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import (
     COMMENTS,
     LONGEST_HEADER,
+    clocks_of,
     name_of_title,
     normal,
     number_of,
@@ -46,7 +47,6 @@ from xdynamics.units import parse_quantity, parse_scale
 KEYS = ("skip", "header", "units", "time_zero", "decimal")
 FIRST = "first"  # of `time_zero`: times are counted from the first
 COLUMNS = "columns"  # of `compare` and `fit`; a drive has a name of its own, and `column`
-CLOCKS = ("time", "t")
 
 
 @dataclass(frozen=True)
@@ -224,8 +224,8 @@ def _counted(name: str, grid: Cells, reading: Reading) -> Cells:
     """Count the times from where it is said."""
     if not reading.time_zero:
         return grid
-    names = [name_of_title(title).lower() for title in grid.header]
-    clocks = [names.index(clock) for clock in CLOCKS if clock in names][:1]
+    names = [name_of_title(title) for title in grid.header]
+    clocks = [names.index(clock) for clock in clocks_of(grid.header)][:1]
     for k in clocks or [k for k, column in enumerate(names) if column.startswith("event_time_")] or [0]:
         grid = _counted_column(name, grid, reading, k)
     return replace(grid, kind=f"{grid.kind}, time counted from {reading.time_zero}")

@@ -35,6 +35,7 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
         If an entry does not exist or cannot be read.
     """
     single = not (statement.extents or statement.starting)
+    sections = {title: _on_scales(statement, title, entries) for title, entries in sections.items()}
     if (
         single
         and all(title in _ONE_BY_ONE for title in sections)
@@ -50,6 +51,20 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
         shaped = {"parameters": statement.arrays, "initial": statement.starting}.get(title, {})
         tables[title] = tables.get(title, {}) | _entries(title, tables.get(title, {}), entries, shaped)
     return read(tables, Path(), functions, _OUTSIDE)
+
+
+def _on_scales(statement: Statement, title: str, entries: Any) -> Any:
+    """Give bare numbers the scale that the file states the quantity on: where it says 20 °C, 25 is 25 °C."""
+    if title not in ("parameters", "initial") or not isinstance(entries, Mapping):
+        return entries
+    scaled = dict(entries)
+    for name, value in entries.items():
+        entry = getattr(statement, title).get(name)
+        quantity = getattr(entry, "quantity", entry)
+        number = value.item() if getattr(value, "ndim", None) == 0 else value
+        if quantity is not None and quantity.scale and isinstance(number, int | float) and not isinstance(number, bool):
+            scaled[name] = f"{number!r} {quantity.scale.text}"
+    return scaled
 
 
 def changes_numbers_alone(old: Statement, new: Statement) -> bool:
@@ -123,7 +138,7 @@ def _whole(entry: str, old: Any, values: Values, value: Any) -> Any:
             return kept | {"value": value}
         if own != NONE:
             raise ModelError(f"{entry} = {value!r} has units '{own}', needs '{unit.dimension}', or none")
-    return kept | {"value": value, "unit": unit.text}
+    return kept | {"value": value, "unit": unit.text if values.scale is None else values.scale.text}
 
 
 def _value(entry: str, old: Any, value: Any) -> Any:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.model.constraint_consistency import INDEPENDENT
+from xdynamics.model.constraint_consistency import INDEPENDENT, over_mass
 from xdynamics.model.constraints import conditions
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, inputs_of, tables_of, variables
@@ -83,7 +83,7 @@ def turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
         return np.zeros_like(moves)
     rates = _gradients(model, values)[1]
     ties, slopes = rates[:, n : 2 * n], rates[:, :n]
-    reach = np.linalg.solve(mass, ties.T)
+    reach = over_mass(mass, ties.T, list(model.statement.coordinates))
     return np.asarray(-reach @ np.linalg.pinv(ties @ reach, rcond=INDEPENDENT) @ slopes @ moves)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from itertools import islice
 from typing import Any
 
 from xdynamics.faults import InputError
@@ -31,15 +30,29 @@ def text_of_workbook(content: bytes) -> str:
     except Exception:  # noqa: BLE001 - whatever openpyxl and zipfile say of a file that is no workbook
         raise InputError("it is no workbook of Excel (.xlsx)") from None
     for sheet in book.worksheets:
-        rows = [_cells(row) for row in islice(sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True), MOST_ROWS + 1)]
-        rows = [row for row in rows if row]
-        if len(rows) > MOST_ROWS:
-            raise InputError(f"sheet '{sheet.title}' has over {MOST_ROWS} rows, the limit; save it as CSV")
+        rows = _rows(sheet)
         if len(rows) > 1:
             text, width = io.StringIO(), max(map(len, rows))
             csv.writer(text, lineterminator="\n").writerows(row + [""] * (width - len(row)) for row in rows)
             return text.getvalue()
     raise InputError("no sheet of the workbook has two rows or more")
+
+
+def _rows(sheet: Any) -> list[list[str]]:
+    """Return the rows of a sheet that are not empty, wherever they stand; a sheet that is too large is refused, not cut."""
+    rows: list[list[str]] = []
+    for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+        cells = _cells(row)
+        if len(cells) > MOST_COLUMNS:
+            raise InputError(
+                f"sheet '{sheet.title}' has {len(cells)} columns in row {number}, {MOST_COLUMNS} at most; save what is"
+                " needed as CSV"
+            )
+        if cells:
+            rows.append(cells)
+        if len(rows) > MOST_ROWS:
+            raise InputError(f"sheet '{sheet.title}' has over {MOST_ROWS} rows, the limit; save it as CSV")
+    return rows
 
 
 def _cells(row: tuple[Any, ...]) -> list[str]:

@@ -252,13 +252,30 @@ def events_of(written: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
     events: dict[str, dict[str, Any]] = {}
     for i, event in enumerate(written):
         label = called(event.function) if called(event.function) not in events else f"{called(event.function)}_{i}"
-        terminal, direction = (
-            getattr(event.function, "terminal", False),
-            int(np.sign(getattr(event.function, "direction", 0))),
-        )
+        terminal, direction = _attributes_of(event.function)
         entry: dict[str, Any] = {"function": text_of(event.nodes[0])}
         entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
-        if terminal and int(terminal) > 1:
-            entry["count"] = int(terminal)
+        if terminal > 1:
+            entry["count"] = terminal
         events[label] = entry
     return events
+
+
+def _attributes_of(event: RightSide) -> tuple[int, int]:
+    """Return how many occurrences of an event stop a run, 0 for none, and the sign of its direction.
+
+    Raises
+    ------
+    InputError
+        If an attribute is not what scipy takes.
+    """
+    terminal, direction = getattr(event, "terminal", None) or 0, getattr(event, "direction", None) or 0
+    if not isinstance(terminal, int | float | np.number | np.bool_) or not (
+        terminal >= 0 and int(terminal) == terminal
+    ):
+        raise InputError(
+            f"{called(event)}.terminal is {terminal!r}, needs True, False, or the number of occurrences that stop the run"
+        )
+    if not isinstance(direction, int | float | np.number) or direction != direction:
+        raise InputError(f"{called(event)}.direction is {direction!r}, needs a number: 1 for rising, -1 for falling")
+    return int(terminal), int(np.sign(direction))

@@ -16,7 +16,7 @@ from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
 from xdynamics.expressions.tracing import Traced, name, node_of
 from xdynamics.faults import InputError
-from xdynamics.march.configuration import DEFAULT_RTOL
+from xdynamics.march.configuration import DEFAULT_RTOL, settings_for
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
 from xdynamics.simulation.array_models import array_sections
@@ -37,6 +37,7 @@ from xdynamics.simulation.right_sides import (
     written_down,
 )
 from xdynamics.simulation.single_run import simulate
+from xdynamics.simulation.wanted_states import states_at, times_within, with_events
 from xdynamics.units import parse_time
 
 if TYPE_CHECKING:
@@ -81,7 +82,8 @@ def solve(
     method : str
         Any of xdynamics, or scipy's RK45, RK23, DOP853, Radau.
     t_eval : array_like of float or str, optional
-        Return the states at these times, as `sample` gives them, in the place of the record.
+        Return the states at these times, as `sample` gives them, in the place of the record; beside them along `event`
+        the `event_time`, `event_detector` and, as `after_<name>`, the state after each event.
     events : callable or sequence of callable, optional
         ``event(t, y, *args)``, whose zeros are located; with scipy's attributes `terminal` and `direction`.
     args : sequence
@@ -131,8 +133,14 @@ def solve(
                 f"atol has {len(tolerances)} numbers, and y0 {len(model.statement.states)}; give one, or one for each"
             )
         settings["atol"] = dict(zip(model.statement.states, tolerances, strict=True))
-    end = t_span[1] if isinstance(t_span[1], str) else float(t_span[1])
-    return simulate(model, method=_method(method), until=end, times=t_eval, path=path, **settings)
+    settings |= {"method": _method(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
+    if t_eval is None or not model.events:
+        return simulate(model, times=t_eval, path=path, **settings)
+    wanted = times_within(
+        t_eval, model.time_unit, model.statement.initial["t"].si, settings_for(model, **settings).until
+    )
+    run = simulate(model, path=path, **settings)
+    return with_events(states_at(run, wanted, model), run)
 
 
 def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names: Any, units: Any) -> Model:

@@ -15,7 +15,7 @@ from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
 from xdynamics.model import Model
-from xdynamics.schema import STEP_NUMBER
+from xdynamics.schema import EVENTS, OF_MOTION, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import warn_of_accuracy
 from xdynamics.units import Unit, unit_suffix
 
@@ -72,6 +72,19 @@ def sampled_march(model: Model, settings: Settings, wanted: Floats, progress: Pr
         return states
     rows = states["row"]
     return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
+
+
+def with_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
+    """Add the events of a run to its states at wanted times: when each was, and the state after it."""
+    import xarray as xr
+
+    after = run["event_row_after"].values
+    variables = {name: run.variables[name] for name in ("event_time", "event_detector")}
+    for name, variable in run.variables.items():
+        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION:
+            attributes = {"units": variable.attrs["units"], "long_name": f"{name} after the event", "role": "event"}
+            variables[f"after_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), variable.values[after], attributes)
+    return states.assign(variables)
 
 
 def states_at(run: xr.Dataset, wanted: Floats | None, model: Model) -> xr.Dataset:

@@ -16,10 +16,10 @@ from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.shapes.naming import DOT, parted, spoken, written
-from xdynamics.sweeping.axis_values import Values, written_numbers
+from xdynamics.sweeping.axis_values import Values, scale_of, written_numbers
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
-from xdynamics.units import NONE, Quantity, Unit, parse_unit
+from xdynamics.units import NONE, Quantity, Scale, Unit, parse_unit
 from xdynamics.units.rounded import Rounded, decimal_text
 
 PARAMETER, INITIAL, START, STEP, RTOL, TABLE, SETTING = (
@@ -269,19 +269,19 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     """
     name = model.shapes.inside(name)
     if name in model.statement.parameters:
-        return _quantities(name, PARAMETER, values, model.statement.parameters[name].quantity.unit, _said(name))
+        return _quantities(name, PARAMETER, values, scale_of(model.statement.parameters[name].quantity), _said(name))
     if (whole := _whole(model, name, values)) is not None:
         return whole
     initial = name.removeprefix(FOR_INITIAL)
     if initial in model.statement.initial:
         kind = START if initial == "t" else INITIAL
-        return _quantities(initial, kind, values, model.statement.initial[initial].unit, _said(name))
+        return _quantities(initial, kind, values, scale_of(model.statement.initial[initial]), _said(name))
     if name in model.drives:
         return _tables(name, values)
     if name == STEP:
-        return _positive(_quantities(name, STEP, values, model.time_unit, name))
+        return _positive(_quantities(name, STEP, values, Scale(model.time_unit), name))
     if name == RTOL:
-        return _positive(_quantities(name, RTOL, values, parse_unit("1"), name))
+        return _positive(_quantities(name, RTOL, values, Scale(parse_unit("1")), name))
     if name in SETTINGS:
         return _settings(model, name, values)
     quantities = of_wholes((*model.statement.parameters, *model.statement.initial))
@@ -299,11 +299,11 @@ def _whole(model: Model, name: str, values: Any) -> AxisColumn | None:
     return None
 
 
-def _quantities(name: str, kind: str, entries: Any, declared: Unit, label: str) -> AxisColumn:
-    """Read numbers with a unit; those without one have the declared unit."""
+def _quantities(name: str, kind: str, entries: Any, declared: Scale, label: str) -> AxisColumn:
+    """Read numbers with a unit; those without one are on the declared scale."""
     values, unit = written_numbers(entries, declared)
-    if DOT in name and unit != declared:  # the elements of a quantity have one unit
-        values, unit = [Quantity(value, unit).into(declared).value for value in list(values)], declared
+    if DOT in name and unit != declared.unit:  # the elements of a quantity have one unit
+        values, unit = [Quantity(value, unit).into(declared.unit).value for value in list(values)], declared.unit
     digits = tuple(values) if any(isinstance(value, Rounded) for value in values) else ()
     return AxisColumn(name, kind, np.array(values, float), unit, label, digits=digits)
 
@@ -318,7 +318,7 @@ def _positive(column: AxisColumn) -> AxisColumn:
 def _settings(model: Model, name: str, entries: Any) -> AxisColumn:
     """Read words or numbers that `simulate` takes."""
     if name in TIMES:
-        return _quantities(name, SETTING, entries, model.time_unit, name)
+        return _quantities(name, SETTING, entries, Scale(model.time_unit), name)
     row: Sequence[Any] = [value.strip() for value in entries.split(",")] if isinstance(entries, str) else entries
     if isinstance(row, int | float) or not hasattr(row, "__iter__"):
         row = [row]

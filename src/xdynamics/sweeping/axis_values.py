@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.units import Quantity, Range, Unit, is_range, parse_quantity, parse_unit
+from xdynamics.units import Quantity, Range, Scale, Unit, is_range, parse_quantity, parse_scale, parse_unit
 
 Values = NDArray[Any]
 
 MOST_VALUES = 10_000_000  # along one axis
 
 
-def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
+def numbers_of(entries: Any, declared: Scale) -> tuple[Values, Unit]:
     """Read values: a text with a range or a list, a row of texts or numbers, an array with units.
+
+    Those without a unit are on the declared scale.
 
     Raises
     ------
@@ -27,7 +29,12 @@ def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
     return np.array(values, float), unit
 
 
-def written_numbers(entries: Any, declared: Unit) -> tuple[Values | list[float], Unit]:
+def scale_of(quantity: Quantity) -> Scale:
+    """Return the scale that bare numbers in the place of a quantity are on."""
+    return quantity.scale or Scale(quantity.unit)
+
+
+def written_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float], Unit]:
     """Read the same; numbers in a list keep the digits that they were written with, where these are more than a float has.
 
     Raises
@@ -36,29 +43,30 @@ def written_numbers(entries: Any, declared: Unit) -> tuple[Values | list[float],
         If there are no values, or one is not a finite number with a unit of the declared dimension.
     """
     if is_range(entries):
-        values, stated_unit = _range(entries)
-        unit = declared if stated_unit == parse_unit("1") else stated_unit
-        return _plain(values, unit, declared), unit
+        values, unit = _range(entries)
+        if unit == parse_unit("1"):
+            values, unit = _on_scale(values, declared), declared.unit
+        return _plain(values, unit, declared.unit), unit
     if isinstance(entries, str):
         quantities = _of_text(entries)
     elif isinstance(entries, Quantity | int | float):
         quantities = [_quantity(entries, declared)]
     else:
         attrs = getattr(entries, "attrs", {})
-        unit = parse_unit(str(attrs["units"])) if "units" in attrs else declared
+        scale = parse_scale(str(attrs["units"])) if "units" in attrs else declared
         try:
             row = getattr(entries, "values", entries)
             row = row if isinstance(row, np.ndarray) and row.dtype.kind in "fiu" and row.ndim == 1 else list(row)
         except TypeError:
-            raise InputError(f"is {str(entries)[:60]!r}, needs values like ['1 {declared.text}']") from None
+            raise InputError(f"is {str(entries)[:60]!r}, needs values like ['1 {declared.unit.text}']") from None
         if isinstance(row, np.ndarray):
-            return _plain(row, unit, declared), unit
-        quantities = [_quantity(quantity, unit) for quantity in row]
+            return _plain(_on_scale(row, scale), scale.unit, declared.unit), scale.unit
+        quantities = [_quantity(quantity, scale) for quantity in row]
     if not quantities:
         raise InputError("has no values")
     quantities = _with_unit(quantities, declared)
     for quantity in quantities:
-        _check_unit(quantity.value, quantity.unit, declared)
+        _check_unit(quantity.value, quantity.unit, declared.unit)
     unit = quantities[0].unit
     return [quantity.into(unit).value for quantity in quantities], unit
 
@@ -79,13 +87,21 @@ def _check_unit(value: float, unit: Unit, declared: Unit) -> None:
         raise InputError(f"has {value!r} {unit.text}, needs the unit '{declared.text}'")
 
 
-def _with_unit(quantities: list[Quantity], unit: Unit) -> list[Quantity]:
-    """Give a unit to the quantities that have none."""
+def _on_scale(values: Values, scale: Scale) -> Values:
+    """Return bare numbers in the unit of their scale."""
+    return values if scale.is_unit else np.array([*map(scale.value, values.tolist())])
+
+
+def _with_unit(quantities: list[Quantity], scale: Scale) -> list[Quantity]:
+    """Put the quantities that have no unit on a scale."""
     bare = parse_unit("1")
-    return [Quantity(quantity.value, unit) if quantity.unit == bare else quantity for quantity in quantities]
+    return [
+        Quantity(scale.value(quantity.value), scale.unit) if quantity.unit == bare else quantity
+        for quantity in quantities
+    ]
 
 
-def _quantity(value: Any, declared: Unit) -> Quantity:
+def _quantity(value: Any, declared: Scale) -> Quantity:
     if isinstance(value, Quantity):
         return value
     if isinstance(value, np.generic):
@@ -95,7 +111,7 @@ def _quantity(value: Any, declared: Unit) -> Quantity:
     if isinstance(value, int | float):
         if not np.isfinite(value):
             raise InputError(f"has {value!r}, needs finite numbers")
-        return Quantity(float(value), declared)
+        return Quantity(declared.value(float(value)), declared.unit)
     return parse_quantity(value)
 
 
@@ -104,7 +120,7 @@ def _of_text(text: str) -> list[Quantity]:
     if ":" in text:
         raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
     quantities = [parse_quantity(part) for part in text.split(",")]
-    return _with_unit(quantities, quantities[-1].unit)
+    return _with_unit(quantities, scale_of(quantities[-1]))
 
 
 def _range(text: str) -> tuple[Values, Unit]:

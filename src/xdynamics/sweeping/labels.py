@@ -11,6 +11,7 @@ from xdynamics.faults import InputError
 from xdynamics.sweeping.axes import Axis, AxisColumn
 from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.sweeping.grid import SweepGrid
+from xdynamics.units import Scale
 
 ALIKE = 1e-12  # relative difference of values that were converted between units
 
@@ -56,7 +57,7 @@ def _nearest(column: AxisColumn, label: Any) -> int:
             raise InputError(f"axis '{column.label}' has no {str(label)!r}; there are {', '.join(words)}")
         return words.index(str(label))
     try:
-        values, unit = numbers_of(label, column.unit)
+        values, unit = numbers_of(label, Scale(column.unit))
     except InputError as error:
         raise InputError(f"{column.label} {error}") from None
     if len(values) != 1:

@@ -191,7 +191,8 @@ class Flow:
         start = boxes.hull(self.box, boxes.point(self.set.point))
         centre = self._expanded(self._plain, boxes.point(self.set.point))[:, : p + 1]
         around = self._expanded(self._sloped, start)
-        step = first = self._proposed(centre)
+        # around a point at rest the terms are rounding alone, and tell of no step
+        step = first = min(self._proposed(centre), float(end[1] - self.time[0]))
         while True:
             landing = end if self.time[0] + step * (1.0 + 1e-3) >= end[0] else boxes.point(self.time[1] + step)
             span = boxes.subtract(landing, self.time)

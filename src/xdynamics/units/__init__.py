@@ -8,8 +8,8 @@ from xdynamics.units.dimension import BASE, ENERGY, NONE, TIME, Dimension
 from xdynamics.units.names import CALENDAR, CONSTANTS, PREFIX, SPELLING, constant_of
 from xdynamics.units.ranges import Range, is_range
 from xdynamics.units.reading import (
-    Scale,
     constant,
+    is_number,
     parse_quantity,
     parse_scale,
     parse_time,
@@ -20,10 +20,10 @@ from xdynamics.units.reading import (
 )
 from xdynamics.units.scales import UNSCALED, Scales
 from xdynamics.units.spelling import coherent, spell
-from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Unit, unit_suffix
+from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Scale, Unit, unit_suffix
 
 __all__ = [
     "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
-    "Range", "Scale", "Scales", "Unit", "coherent", "constant", "constant_of", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
+    "Range", "Scale", "Scales", "Unit", "coherent", "constant", "constant_of", "is_number", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
     "spell", "time_in", "unit_suffix", "unit_text",
 ]  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.units.reading import parse_quantity, parse_unit
+from xdynamics.units.reading import parse_quantity, parse_scale
 from xdynamics.units.unit import Unit
 
 _RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
@@ -56,7 +56,11 @@ class Range:
             raise InputError(
                 f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit"
             )
-        unit = units[-1] if units else parse_unit(match["unit"] or "1")
+        if not units:
+            scale = parse_scale(match["unit"] or "1")
+            start, stop = (scale.value(item.value) for item in ends)
+            return cls(start, stop, int(match["count"]), scale.unit)
+        unit = units[-1]
         start, stop = (
             item.value if item.unit.text in ("1", unit.text) else item.si / float(unit.factor) for item in ends
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
@@ -14,7 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME
 from xdynamics.units.names import LENGTHS_OF_VALUES, named
 from xdynamics.units.rounded import Rounded, exact_value, read
-from xdynamics.units.unit import Quantity, Unit
+from xdynamics.units.unit import Quantity, Scale, Unit
 
 LONGEST_TEXT = 200
 LARGEST_EXPONENT = 16
@@ -40,25 +39,6 @@ OPERATORS = ("*", "+", "-", "(", ")")  # that an expression has behind a number,
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
 
 
-@dataclass(frozen=True)
-class Scale:
-    """A scale that numbers are written on: `factor` and `offset`, exact, lead to its unit, as 273.15 from °C to K."""
-
-    unit: Unit
-    factor: Fraction = Fraction(1)
-    offset: Fraction = Fraction(0)
-
-    def value(self, number: float) -> float:
-        """Return a number of this scale in its unit, correctly rounded."""
-        if self.factor == 1 and self.offset == 0:
-            return number
-        return float(exact_value(number) * self.factor + self.offset)
-
-    def difference(self, number: float) -> float:
-        """Return a difference of two such numbers, or an uncertainty, in its unit: an offset is not in it."""
-        return Scale(self.unit, self.factor).value(number)
-
-
 def parse_scale(text: str) -> Scale:
     """Read a unit, or a scale that values alone are given on: ``°C``, ``°F``, ``month``, ``light_year``, ``Mpc``.
 
@@ -75,15 +55,15 @@ def parse_scale(text: str) -> Scale:
     """
     word = text.strip() if isinstance(text, str) else ""
     if word in _CELSIUS:
-        return Scale(parse_unit("K"), Fraction(1), Fraction("273.15"))
+        return Scale(parse_unit("K"), Fraction(1), Fraction("273.15"), word)
     if word in _FAHRENHEIT:
-        return Scale(parse_unit("K"), Fraction(5, 9), Fraction("459.67") * Fraction(5, 9))
+        return Scale(parse_unit("K"), Fraction(5, 9), Fraction("459.67") * Fraction(5, 9), word)
     if word in _MONTH:
-        return Scale(parse_unit("d"), _DAYS_OF_MONTH)
+        return Scale(parse_unit("d"), _DAYS_OF_MONTH, text=word)
     if match := _LENGTH.fullmatch(word):
         length = LENGTHS_OF_VALUES["parsec" if match["parsec"] else "light_year"]
-        return Scale(parse_unit("m"), length * 1000 ** _THOUSANDS[match["prefix"]])
-    return Scale(parse_unit(text))
+        return Scale(parse_unit("m"), length * 1000 ** _THOUSANDS[match["prefix"]], text=word)
+    return Scale(parse_unit(text), text=word)
 
 
 def parse_unit(text: str) -> Unit:
@@ -203,6 +183,11 @@ def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
     return _quantity(read(match[0]), rest or "1", shown, difference=difference)
 
 
+def is_number(text: str) -> bool:
+    """Whether a text is a number without a unit."""
+    return _NUMBER.fullmatch(text.strip()) is not None
+
+
 def unit_text(text: str) -> str:
     """Return the unit of a quantity as it was written."""
     match = _NUMBER.match(text.strip())
@@ -228,21 +213,23 @@ def parse_time(value: Any, what: str) -> float:
         quantity = parse_quantity(value)
     except InputError as error:
         raise InputError(f"{what}: {error}; {_OF_TIME}") from None
-    bare = isinstance(value, Real)
-    if not bare and quantity.unit.dimension != TIME:
-        remedy = f"; write '{value.strip()} s': {_OF_TIME}" if quantity.unit.text == "1" else ""
-        raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'{remedy}")
+    if not isinstance(value, Real) and quantity.unit.dimension != TIME:
+        raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'; {_OF_TIME}")
     return exact_si(quantity)
 
 
 def time_in(unit: Unit, value: Any, what: str) -> float:
     """Read a time of a model: as `parse_time` does, or where its time is a pure number, such a one.
 
+    A text without a unit is in the model's unit, as it is along the axes of a sweep.
+
     Raises
     ------
     InputError
         If it has another unit; the message names `what`.
     """
+    if isinstance(value, str) and is_number(value):
+        value = f"{value} {unit.text}"
     if unit.dimension == TIME or not isinstance(value, str):
         return parse_time(value, what)
     quantity = parse_quantity(value)
@@ -274,7 +261,8 @@ def _quantity(value: float, unit: str, shown: str, *, difference: bool = False) 
     if not isfinite(value):
         raise InputError(f"quantity {shown} is not finite")
     scale = parse_scale(unit)
-    return Quantity(scale.difference(value) if difference else scale.value(value), scale.unit)
+    number = scale.difference(value) if difference else scale.value(value)
+    return Quantity(number, scale.unit, None if scale.is_unit else scale)
 
 
 def quotient(unit: str, by: str) -> str:

@@ -7,6 +7,7 @@ from fractions import Fraction
 from math import inf
 
 MOST_DIGITS = 400  # that are kept of a number, and written out again
+ENOUGH = 40  # digits of a number that has no end, beyond those of the sum of two floats
 SMALLEST = (
     1e-290  # of smaller numbers the rest would not be a float, and the exact value of hostile ones fills the memory
 )
@@ -50,6 +51,6 @@ def decimal_text(number: float) -> str:
     """
     if not isinstance(number, Rounded):
         return repr(float(number))
-    context = Context(prec=MOST_DIGITS)
-    digits = context.divide(Decimal(number.exact.numerator), Decimal(number.exact.denominator))
-    return str(digits) if Fraction(digits) == number.exact else repr(float(number))
+    above, below = Decimal(number.exact.numerator), Decimal(number.exact.denominator)
+    digits = Context(prec=MOST_DIGITS).divide(above, below)
+    return str(digits if Fraction(digits) == number.exact else Context(prec=ENOUGH).divide(above, below))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME, Dimension
-from xdynamics.units.rounded import decimal_text, exact_value
+from xdynamics.units.rounded import Rounded, decimal_text, exact_value
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,51 @@ class Unit:
 
 
 @dataclass(frozen=True)
+class Scale:
+    """A scale that numbers are written on, as `text`: `factor` and `offset`, exact, lead to its unit, as 273.15 to K."""
+
+    unit: Unit
+    factor: Fraction = Fraction(1)
+    offset: Fraction = Fraction(0)
+    text: str = field(default="", compare=False)
+
+    @property
+    def is_unit(self) -> bool:
+        """Whether numbers on it are in its unit as they are."""
+        return self.factor == 1 and self.offset == 0
+
+    def value(self, number: float) -> float:
+        """Return a number of this scale in its unit, correctly rounded."""
+        if self.is_unit:
+            return number
+        exact = exact_value(number) * self.factor + self.offset
+        return Rounded.of(exact, float(exact))
+
+    def difference(self, number: float) -> float:
+        """Return a difference of two such numbers, or an uncertainty, in its unit: an offset is not in it."""
+        return Scale(self.unit, self.factor).value(number)
+
+
+@dataclass(frozen=True)
 class Quantity:
-    """A finite number with its unit, as it was written."""
+    """A finite number with its unit, as it was written.
+
+    Attributes
+    ----------
+    value : float
+        In the unit.
+    unit : Unit
+    scale : Scale, optional
+        On which it was written, and bare numbers in its place are, where this is not the unit itself: °C, a month.
+    """
 
     value: float
     unit: Unit
+    scale: Scale | None = field(default=None, compare=False, repr=False)
+
+    def with_value(self, number: float) -> Quantity:
+        """Return the same quantity with another number, on the scale that this one was written on."""
+        return Quantity(number if self.scale is None else self.scale.value(number), self.unit, self.scale)
 
     @property
     def si(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isfinite
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.csv_sheet import Sheet, Title, name_of_title, shown, title
+from xdynamics.model.csv_sheet import Sheet, Title, clocks_of, is_clock, name_of_title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.instruments import AS_IT_IS, FIRST, Reading, as_table
@@ -35,7 +35,6 @@ _UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
 _Known = Sequence[str] | None
 _Titles = tuple[dict[int, Title], tuple[str, ...]]
 _OF_ELEMENT = re.compile(r"\s*(u\()?(\w+\[[^\[\]]*\])")
-TIMES = ("time", "t")
 EVENT_TIMES, OCCURRENCES = "event_time_", "occurrence"  # columns of a table of events: one row is an occurrence
 ARRAYS = (".nc", ".nc4", ".netcdf", ".cdf")  # files that are read as a Dataset
 REMEDY = (
@@ -234,7 +233,7 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None, shape
     for k, (cell, own, bare) in enumerate(zip(header, names, bares, strict=True)):
         if own != bare and bares.count(bare) < 2:
             ledger.note(f"u({bare}) is the uncertainty of a column that is missing")
-        elif known is not None and bare not in known and bare.lower() not in TIMES:
+        elif known is not None and bare not in known and not is_clock(cell):
             left_out.append(cell.strip())
             continue
         with ledger.entry(f"column {shown(cell)}"):
@@ -287,7 +286,8 @@ def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> M
         label = str(name).removesuffix("_time") if name == AT_TIME else str(name)
         key = f"u({label[2:]})" if label.startswith("u_") else "time" if name == AT_TIME else label
         bare = label.removeprefix("u_")
-        if known is not None and bare not in known and key.lower() not in TIMES:
+        titled = f"{key} [{variable.attrs['units']}]" if "units" in variable.attrs else key  # stamps have none
+        if known is not None and bare not in known and not is_clock(titled):
             left_out.append(str(name))
             continue
         with ledger.entry(f"variable '{name}'"):
@@ -358,7 +358,7 @@ def _is_number(cell: Any) -> bool:
 
 def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
     """Separate times, values and uncertainties."""
-    clock: Hashable = next((column for column in columns if column.lower() in TIMES), None)
+    clock = next(iter(clocks_of(f"{column} [{unit.text or 1}]" for column, (_, unit) in columns.items())), None)
     of_events = [column for column in columns if column.startswith(EVENT_TIMES)]
     if clock is not None and of_events:
         raise InputError(
@@ -368,7 +368,7 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
     if clock is None and not of_events:
         raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(columns) or 'none'}")
     occurrences = _occurrences(name, columns, len(columns[of_events[0]][0])) if of_events else np.zeros(0, np.int64)
-    times, unit = columns[of_events[0]] if of_events else columns.pop(str(clock))
+    times, unit = columns[of_events[0]] if of_events else columns.pop(clock or "")
     uncertainties = {match["name"]: column for key, column in columns.items() if (match := _UNCERTAINTY.fullmatch(key))}
     values = {key: column for key, column in columns.items() if not _UNCERTAINTY.fullmatch(key)}
     ledger = Ledger(name)

@@ -12,19 +12,26 @@ from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, global_error
-from xdynamics.evidence.diagnosing.conservation import ROLE, spans
+from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.unfolding import unfold
 
+Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 BELIEVED = 0.1  # of the range of a quantity: the largest error with which it is still believed
+AHEAD = 40  # rows of the companion by which its range is taken ahead: what has just begun to move has hardly any yet
 LOOKED_AT = 400  # times at which a run is compared with its companion
 
 
 def believed(rows: Chunks, tighter: Companion) -> dict[str, Any]:
-    """Return the time up to which every coordinate, velocity and state is known to a tenth of its range."""
+    """Return the time up to which every coordinate, velocity and state is known to a tenth of its range.
+
+    The range is that of the companion up to there: what the run under judgement does later, well or badly, counts for
+    nothing.
+    """
     until = np.nan if isinstance(rows, Unread) else _until(rows, tighter)
     long_name = (
         "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
@@ -40,12 +47,21 @@ def _until(rows: Chunks, tighter: Companion) -> float:
     near, _ = rows.near(looked_at)
     states = tighter.beside(sampled(near, times, after=True, rule=REINTEGRATE, functions=tighter.functions))
     lost = np.zeros(times.size, bool)
-    for name, (least, most) in spans(rows, with_roles(run, ("coordinate", "velocity", "state"))).items():
-        span = most - least
+    names = with_roles(run, ("coordinate", "velocity", "state"))
+    whole = tighter.run if all(name in tighter.run.variables for name in names) else unfold(tighter.run)
+    reached = np.searchsorted(whole.variables["time"].values, times, side="right") - 1 + AHEAD
+    for name in names:
+        span = _range_up_to(whole.variables[name].values, reached)
         far = (np.abs(np.asarray(states.variables[global_error(name)])) > BELIEVED * span) & (span > 0.0)
         lost |= far.reshape(times.size, -1).any(axis=1)
     stays = lost & np.append(lost[1:], lost[-1:])  # a single time may lie between two occurrences of the same impact
     return float(times[int(np.argmax(stays))]) if stays.any() else end
+
+
+def _range_up_to(values: Floats, rows: Rows) -> Floats:
+    """Return the range of a column from its first row to each of some rows, or to its last one."""
+    spans = np.fmax.accumulate(values) - np.fmin.accumulate(values)
+    return np.asarray(spans[np.minimum(rows, len(values) - 1)])
 
 
 def _calm(rows: Chunks, end: float) -> Iterator[Rows]:

@@ -226,8 +226,12 @@ def _states_after(
     for state in subjects.compared_after(detector, occurrences):
         if state.has_value_at(place):
             selected = state.selection(place)
-            states, rates = (column(whole, name).isel(selected) for name in (state.state, _rate_of(whole, state.state)))
-            values[state.name] = states[after].values, (np.abs(rates[before].values).T * uncertainty).T
+            states = column(whole, state.state).isel(selected)[after].values
+            rate_name = _rate_of(whole, state.state)
+            rates = (
+                np.zeros_like(states) if rate_name is None else column(whole, rate_name).isel(selected)[before].values
+            )
+            values[state.name] = states, (np.abs(rates).T * uncertainty).T
     return values
 
 
@@ -264,7 +268,7 @@ def _range(run: xr.Dataset, name: str) -> float:
     return max(high for high, _ in ends) - min(low for _, low in ends)
 
 
-def _rate_of(run: xr.Dataset, name: str) -> str:
-    """Return the name of the variable that is the rate of a coordinate, velocity or state."""
-    role = column(run, name).attrs["role"]
-    return {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}[role]
+def _rate_of(run: xr.Dataset, name: str) -> str | None:
+    """Return the name of the variable that is the rate of a coordinate, velocity or state; None of what is held."""
+    rates = {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}
+    return rates.get(column(run, name).attrs["role"])

@@ -27,7 +27,7 @@ from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.named_elements import column
 from xdynamics.schema import AT, AT_TIME, LEVEL
-from xdynamics.units import Unit, parse_quantity, time_in, unit_suffix
+from xdynamics.units import Quantity, Unit, parse_quantity, time_in, unit_suffix
 
 Floats = NDArray[np.float64]
 ROLE = "limiting"
@@ -69,7 +69,9 @@ class Approach:
     @property
     def models(self) -> list[Model]:
         """The model with each of the numbers."""
-        return [self.model.replace(parameters={self.parameter: number}) for number in self.numbers]
+        return [
+            self.model.replace(parameters={self.parameter: str(Quantity(number, self.unit))}) for number in self.numbers
+        ]
 
 
 def limiting(
@@ -224,11 +226,12 @@ def _values(
         raise InputError(
             f"'{parameter}' is no parameter; there are {', '.join(of_wholes(model.statement.parameters)) or 'none'}"
         )
-    unit = model.statement.parameters[parameter].quantity.unit
+    declared = model.statement.parameters[parameter].quantity
+    unit = declared.unit
 
     def read(value: Any) -> float:
         if not isinstance(value, str):
-            return float(value)
+            return declared.with_value(float(value)).value
         quantity = parse_quantity(value)
         if quantity.unit.dimension != unit.dimension:
             raise InputError(f"{parameter} {value!r} has units '{quantity.unit.dimension}', needs '{unit.text}'")
