@@ -13,6 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
+from xdynamics.budgeting.budget_summary import lines_of as lines_of_budget
 from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
 from xdynamics.budgeting.time_reversal import returned
@@ -97,7 +98,19 @@ def test_the_mass_calibration_of_jcgm_101(request: pytest.FixtureRequest) -> Non
     assert budget.monte_carlo_shortest.attrs["coverage"] == 0.95
     flags = budget.linear_verdict.attrs["flag_meanings"].split()
     assert flags[int(budget.linear_verdict)] == "not_adequate"
-    assert calibrated(1000).attrs["result"].startswith("(1.23 ± 0.15)e-6 kg (k = 2, drawn, numerical part ")
+
+
+def test_a_number_far_from_linear_is_the_interval_of_its_draws() -> None:
+    """Assert that what the one line says holds 95 % of the draws, where twice the linear uncertainty would not."""
+    budget = calibrated(2000)
+    words = budget.linear_verdict.attrs["flag_meanings"].split()
+    assert words[int(budget.linear_verdict)] == "not_adequate"
+    low, high = budget.monte_carlo_symmetric.values
+    said = re.fullmatch(r"(\S+) to (\S+) kg \(95 % of the draws, numerical part \S+ kg\)", budget.attrs["result"])
+    assert said is not None
+    assert [float(end) for end in said.groups()] == pytest.approx([low, high], abs=float(budget.monte_carlo_end_doubt))
+    assert budget.attrs["result"] == str(budget.result.values)
+    assert next(lines_of_budget(budget)) == f"result    dm at t = 1 s = {budget.attrs['result']}"
 
 
 @pytest.mark.dear

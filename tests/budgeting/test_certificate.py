@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -14,6 +15,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.budgeting.certificate import _apart, _gates, lines_of
+from xdynamics.budgeting.rounding import rounded
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ASKED: dict[str, Any] = {
@@ -238,6 +240,23 @@ def test_a_small_uncertainty_of_old_is_written_otherwise(certificate: xr.Dataset
     assert _apart(old, new) == []
     old.attrs["result"] = "3.71119880 ± 0.00000054 s (k = 2)"
     assert len(_apart(old, new)) == 1
+
+
+def test_a_certificate_of_old_has_twice_what_was_drawn() -> None:
+    """Assert that one made before records were audited is made again, with its number as it was written then."""
+    model = xd.Model.from_toml(MODELS / "mass_calibration.toml")
+    now = xd.certify(model, "dm", at="1 s", draws=1000, seed=2, event_start="waiting", atol_floor="none")
+    asked = {k: v for k, v in json.loads(now.attrs["asked"]).items() if k not in ("event_start", "atol_floor")}
+    old = now.isel(gate=now.gate_name.values != "record").drop_vars("run_contradiction")
+    old.attrs["asked"] = json.dumps(asked, sort_keys=True)
+    value, drawn = float(now.value), float(now.monte_carlo_standard_uncertainty)
+    former = rounded(value, drawn, float(now.numerical_bound), "kg", "k = 2, drawn")
+    old = old.assign(result=((), former, now.result.attrs)).assign_attrs(result=former)
+    assert "± 0.15)e-6 kg (k = 2, drawn" in former
+    assert xd.recheck(old).attrs["result"] == former
+    old.attrs["result"] = former.replace("0.15", "0.14")
+    with pytest.raises(xd.ArchiveError, match="result"):
+        xd.recheck(old)
 
 
 @pytest.mark.dear

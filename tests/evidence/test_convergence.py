@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xdynamics.evidence.refining.convergence import SAFETY, extrapolated, fitted, fitted_uncertainty, observed_orders
-from xdynamics.evidence.refining.judgements import VERDICTS, judge
+from xdynamics.evidence.refining.judgements import VERDICTS, are_restrained, judge
 
 # Celik and others 2008, table 1: a reattachment length on 4500, 8000 and 18000 cells in two dimensions
 CELIK = np.array([5.863, 5.972, 6.063])
@@ -220,3 +220,31 @@ def test_what_is_not_known_of_a_choice_of_steps_is_taken_as_erratic() -> None:
     """Assert the factor of a method of order 8 in 100 steps where neither is said."""
     found = judge(1.0 + 5 * TOLERANCES, TOLERANCES, 1.0, 1e-9, 1e-9, 1e-9, smooth=False)
     assert found.uncertainty == pytest.approx(1.25 * e**0.96 * 5e-7 + 3e-9, rel=1e-6)
+
+
+def test_steps_that_the_tolerance_did_not_set_are_believed_as_far_as_they_estimate() -> None:
+    """Assert that levels which hardly differ, by steps that breaking points set, tell no less than these themselves."""
+    values, tolerances = np.array([1.0, 1.0 + 1e-13]), np.array([1e-8, 1e-9])
+    found = judge(values, tolerances, 1.0, 1e-16, 0.0, 1e-15, smooth=False, estimated=2e-11)
+    assert VERDICTS[found.verdict] == "pre_asymptotic"
+    assert found.uncertainty == pytest.approx(3e-13 + 2e-11 + 1.1e-15, rel=1e-3)
+    alike = judge(values, tolerances, 1.0, 1e-16, 0.0, 1e-15, smooth=False, estimated=1e-17)
+    assert alike.uncertainty < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("accepted", "order", "restrained"),
+    [
+        ([50, 79], 5.0, False),
+        ([50, 66], 8.0, False),
+        ([50, 50], 5.0, True),
+        ([50, 55], 5.0, True),
+        ([50, 58], 5.0, False),
+        ([50, 40], 5.0, True),
+        ([9, 50, 79], 5.0, False),
+        ([0, 0], 5.0, True),
+    ],
+)
+def test_steps_grow_as_tolerances_ask(accepted: list[int], order: float, *, restrained: bool) -> None:
+    """Assert how many more steps a tenth of the tolerance takes at least, of methods of two orders."""
+    assert are_restrained(accepted, np.array([1e-7, 1e-8, 1e-9])[-len(accepted) :], order) == restrained

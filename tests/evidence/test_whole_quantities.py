@@ -179,13 +179,13 @@ def test_many_numbers_are_judged_as_each_alone() -> None:
     values += rng.normal(size=values.shape) * rng.choice([0.0, 1e-4], (90, 1), p=[0.8, 0.2])
     values[::17, -1] = np.nan
     rounding, inside, events = (rng.choice([0.0, 1e-12, 1e-3], 90, p=[0.7, 0.2, 0.1]) for _ in range(3))
-    kinks = rng.choice([np.inf, 1.0], 90, p=[0.8, 0.2])
+    kinks, estimated = rng.choice([np.inf, 1.0], 90, p=[0.8, 0.2]), rng.choice([0.0, 1e-2], 90, p=[0.9, 0.1])
     for smooth in (True, False):
         asked = {"smooth": smooth, "accepted": 50, "order": 4.0}
-        many = judge(values, steps, 4.0, rounding, inside, events, kink=kinks, **asked)
+        many = judge(values, steps, 4.0, rounding, inside, events, kink=kinks, estimated=estimated, **asked)
         for i in range(90):
             own = (values[i], steps, 4.0, rounding[i], inside[i], events[i])
-            one = judge(*own, kink=kinks[i], **asked)
+            one = judge(*own, kink=kinks[i], estimated=estimated[i], **asked)
             assert repr((one.verdict, one.limit, one.uncertainty, one.rule)) == repr(
                 (
                     int(many.verdict[i]),

@@ -73,3 +73,39 @@ def test_states_between_rows_are_as_accurate(case: int) -> None:
     states = xd.sample(run, times)
     errors = [abs(float(y) - drawn.exact(float(t))) for t, y in zip(states.at_time, states.y, strict=True)]
     assert max(errors) < 1e-10
+
+
+REFINED = {"dop853": [1e-8, 1e-9, 1e-10], "dormand_prince": [1e-7, 1e-8, 1e-9], "bogacki_shampine": [1e-5, 1e-6, 1e-7]}
+
+
+def stated(case: int, method: str) -> float:
+    """The error of the finest level of a refinement over the uncertainty that it states."""
+    drawn = Delayed.drawn(case)
+    study = xd.refine(
+        drawn.model, method=method, rtols=REFINED[method], until=f"{END} s", observables=["y"], occurrences=0
+    )
+    return abs(float(study.y[-1, 0]) - drawn.exact(END)) / float(study.uncertainty_y[0])
+
+
+def test_refinements_cover_what_they_state(request: pytest.FixtureRequest) -> None:
+    """Assert that 95 of 100 stated uncertainties hold the error, though breaking points set many of the steps."""
+    cases = range(0, 300, 1 if request.config.getoption("--whole") else 15)
+    ratios = np.array([stated(case, method) for case in cases for method in REFINED])
+    assert np.mean(ratios <= 1.0) >= 0.95
+    assert ratios.max() < 10.0
+
+
+def test_steps_between_breaking_points_do_not_state_less_than_they_know() -> None:
+    """Assert the delays whose tolerances choose no step: levels agree to 1.5e-13 and are off by 5e-12."""
+    a, first, second = -0.45, 0.1058, 0.2116
+    b = (-1.0 - a * np.exp(first)) / np.exp(second)
+    model = xd.Model(
+        name="exp(-t)",
+        states={"y": {"unit": "1", "rate": "a*delayed(y, tau) + b*delayed(y, later)"}},
+        parameters={"a": f"{a!r} s-1", "b": f"{float(b)!r} s-1", "tau": f"{first} s", "later": f"{second} s"},
+        history={"y": "exp(-t/second)"},
+        initial={"y": "1"},
+    )
+    for end in (0.5, 1.0, 2.0):
+        study = xd.refine(model, method="dormand_prince", rtols=[1e-8, 1e-9, 1e-10], until=f"{end} s")
+        assert abs(float(study.y[-1, 0]) - np.exp(-end)) < float(study.uncertainty_y[0]) < 1e-9

@@ -22,8 +22,16 @@ from xdynamics.evidence.diagnosing.extremes import Extreme
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, SAID
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, SAFETY, observed_orders
-from xdynamics.evidence.refining.judgements import CLOSE, EVENT_LIMITED, INTERPOLATION_LIMITED, Judged, judge
-from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
+from xdynamics.evidence.refining.judgements import (
+    CLOSE,
+    EVENT_LIMITED,
+    INTERPOLATION_LIMITED,
+    Judged,
+    are_restrained,
+    judge,
+)
+from xdynamics.evidence.refining.levels import ALL, RTOLS, Levels, absolute_tolerances
+from xdynamics.evidence.refining.readings import estimated_error
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError, ModelError
@@ -59,6 +67,8 @@ class Estimate(NamedTuple):
         Accepted steps of the run.
     digest : str
         Content digest of the run.
+    estimated : float
+        What its steps estimate to be off together, as a part of the size of the number.
     events : MetEvents
         Those before the number.
     """
@@ -68,6 +78,7 @@ class Estimate(NamedTuple):
     location: float
     steps: int
     digest: str
+    estimated: float = 0.0
     events: MetEvents = MetEvents({}, 0)
 
     @classmethod
@@ -82,7 +93,7 @@ class Estimate(NamedTuple):
         target, model = measurand.target, measurand.model
         value, interpolation, location = target.in_run(run, model)
         steps, events = int(run.attrs["run_accepted_steps"]), MetEvents.of(target, run, model)
-        return cls(value, interpolation, location, steps, digest_of_run(run), events)
+        return cls(value, interpolation, location, steps, digest_of_run(run), estimated_error(run), events)
 
 
 ESTIMATES = ResultForm(list, lambda entries: Estimate(*entries[:-1])._replace(events=MetEvents(*entries[-1])))
@@ -119,6 +130,9 @@ class Compared:
         values = np.array([estimate.value for estimate in estimates])
         before, finest = (estimate.events for estimate in estimates[-2:])
         apart = before.in_words(finest) if before.are_apart(finest) else ""
+        restrained = levels.varied == RTOLS and are_restrained(
+            [estimate.steps for estimate in estimates], levels.values, levels.order
+        )
         judgement = judge(
             values,
             levels.values,
@@ -129,6 +143,7 @@ class Compared:
             smooth=levels.varied.keyword == "steps",
             accepted=estimates[-1].steps,
             order=levels.order,
+            estimated=estimates[-1].estimated * float(np.max(np.abs(values))) if restrained else 0.0,
         )
         if judgement.verdict == EVENT_LIMITED and not apart and all(e.interpolation >= e.location for e in estimates):
             judgement = replace(judgement, verdict=INTERPOLATION_LIMITED)  # what is more than the other is named

@@ -84,8 +84,12 @@ class Watched:
         return differences
 
 
-def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
-    """Return every variable about one number, ready for a Dataset; `accepted` counts the finest level's steps."""
+def family(number: Watched, levels: Levels, accepted: int, estimated: float = 0.0) -> dict[str, Any]:
+    """Return every variable about one number, ready for a Dataset.
+
+    `accepted` counts the finest level's steps, and `estimated` is what these estimate to be off together, as a part of
+    the number's size, where something else than the tolerance set them.
+    """
     name, units, changes = number.name, number.units, number.changes
     dims = (LEVEL, *number.dims)
 
@@ -130,13 +134,13 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
             | flags(dict(enumerate(GATES))),
         ),
     }
-    return variables | (_judged(number, levels, accepted) if levels.ordered else {})
+    return variables | (_judged(number, levels, accepted, estimated) if levels.ordered else {})
 
 
-def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
+def _judged(number: Watched, levels: Levels, accepted: int, estimated: float) -> dict[str, Any]:
     """Return orders, verdicts, limits and uncertainties, where levels are numbers with which errors shrink."""
     name, units = number.name, number.units
-    orders, judged = observed_orders(number.values, levels.values), _judgement(number, levels, accepted)
+    orders, judged = observed_orders(number.values, levels.values), _judgement(number, levels, accepted, estimated)
 
     def once(values: Any, dtype: Any) -> Any:
         return number.dims, np.asarray(values if number.dims else values[0], dtype)
@@ -171,7 +175,7 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     }
 
 
-def _judgement(number: Watched, levels: Levels, accepted: int) -> Judged:
+def _judgement(number: Watched, levels: Levels, accepted: int, estimated: float) -> Judged:
     """Judge the levels at every place of a quantity."""
     kinks = np.full(len(number.values), np.inf)
     if number.kinks is not None and levels.varied != TIME_TOLERANCES:
@@ -187,4 +191,5 @@ def _judgement(number: Watched, levels: Levels, accepted: int) -> Judged:
         kink=kinks.reshape(*kinks.shape, *[1] * (number.values.ndim - 1 - kinks.ndim)),
         accepted=accepted,
         order=levels.order,
+        estimated=estimated * np.asarray(number.scale),
     )

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.family import ROLE, Watched, family
-from xdynamics.evidence.refining.judgements import FEW_STEPS
+from xdynamics.evidence.refining.judgements import FEW_STEPS, are_restrained
+from xdynamics.evidence.refining.levels import RTOLS
 from xdynamics.evidence.refining.readings import Common, Outline, Readings
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
@@ -55,6 +56,9 @@ class Findings:
         Largest local errors in every run.
     accepted : int
         Steps of the finest run.
+    estimated : float
+        What its steps estimate to be off together, as a part of the size of a number, where something else than the
+        tolerance set them; else 0.
     left_out : str
         Which states after events are too many numbers to be compared.
     """
@@ -67,6 +71,7 @@ class Findings:
     crossed: Mapping[str, float] = field(default_factory=dict)
     defects: Mapping[str, Floats] = field(default_factory=dict)
     accepted: int = FEW_STEPS
+    estimated: float = 0.0
     left_out: str = ""
 
     @classmethod
@@ -82,6 +87,7 @@ class Findings:
             study.common.crossing_levels,
             {name: np.stack([level.defects[name] for level in study.readings]) for name in stepped},
             outlines[-1].accepted,
+            _estimated(study),
             study.left_out,
         )
 
@@ -103,6 +109,14 @@ class Findings:
         )
 
 
+def _estimated(study: Study) -> float:
+    """Return what the steps of the finest run estimate to be off together, where the tolerance did not set them."""
+    levels, accepted = study.levels, [outline.accepted for outline in study.outlines]
+    if levels.varied != RTOLS or not are_restrained(accepted, levels.values, levels.order):
+        return 0.0
+    return study.outlines[-1].estimated
+
+
 def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[str, Any]) -> xr.Dataset:
     """Assemble the evidence.
 
@@ -120,7 +134,7 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
         AT_TIME: ((AT,), findings.times, about(unit, "time of comparison", "time")),
     }
     for number in findings.numbers:
-        added = family(number, levels, findings.accepted)
+        added = family(number, levels, findings.accepted, findings.estimated)
         if clashing := sorted(added.keys() & variables.keys()):
             raise InputError(
                 f"'{clashing[0]}' is a name of the model, and of what is said of its numbers; leave it out of"

@@ -6,6 +6,7 @@ for the sources.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -31,6 +32,9 @@ VERDICTS = ("asymptotic", "pre_asymptotic", "roundoff", "event_limited", "interp
 ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_CONVERGING = range(len(VERDICTS))
 # largest order assumed for a switch that was stepped over: a single level may by chance have it at the end of a step
 ABRUPT = 2.0
+RESTRAINED = (
+    "three times the last difference and the sum of the steps own estimates: others than the tolerance set the steps"
+)
 STEPPED_OVER = "three times the last differences: a switch was stepped over"
 THRICE, RICHARDSON, SQUARES = (
     "three times the last difference",
@@ -43,7 +47,8 @@ MISSING, ROUNDED, INDEX, POWER = (
     "grid convergence index",
     "a power of the tolerance",
 )
-UNCERTAINTY_RULES = (POWER, INDEX, SQUARES, MISSING, ROUNDED, RICHARDSON, THRICE, STEPPED_OVER)
+UNCERTAINTY_RULES = (POWER, INDEX, SQUARES, MISSING, ROUNDED, RICHARDSON, THRICE, STEPPED_OVER, RESTRAINED)
+FREE = 0.25  # of the growth in steps that a tolerance asks for: with less, something else sets them
 CLOSE = 0.05  # distance of an observed order from that of the method, or from a whole number above it
 STEADY = 0.25  # distance from the order before, where there are four levels
 # times the square of the method's order, over the root of the number of steps: how far the logarithm of an error may
@@ -57,6 +62,22 @@ FEW_STEPS = 100  # number of steps assumed where it is not known
 FITTED = 4  # fewest levels of a fit that leave a residual
 LOOKED_AT = 3  # finest levels, whose differences give the distance from the limit
 SHARE = 0.3  # of the last difference: largest effect of the location of events
+
+
+def are_restrained(accepted: Sequence[int], tolerances: Floats, order: float) -> bool:
+    """Whether the two finest levels have hardly more steps than each other, for what their tolerances ask for.
+
+    Breaking points of delayed values, times of tables and the largest step set them then: differences of levels are those
+    of the few steps that the tolerance chose, and say nothing of the others.
+
+    Examples
+    --------
+    >>> are_restrained([100, 158], np.array([1e-6, 1e-7]), 5.0), are_restrained([100, 103], np.array([1e-6, 1e-7]), 5.0)
+    (False, True)
+    """
+    coarse, fine = (max(int(count), 1) for count in accepted[-2:])
+    asked = float(log(np.array(tolerances[-2] / tolerances[-1]))) / order
+    return float(log(np.array(fine / coarse))) < FREE * asked
 
 
 @dataclass(frozen=True)
@@ -93,6 +114,7 @@ def judge(
     kink: Any = inf,
     accepted: int = FEW_STEPS,
     order: float = HIGHEST,
+    estimated: Any = 0.0,
 ) -> Judged:
     """Judge the convergence of values of levels, from coarse to fine.
 
@@ -114,11 +136,15 @@ def judge(
         Steps of the finest level, where they are chosen: the fewer, the more erratic.
     order : float
         The order of the method in its steps, where tolerances are varied.
+    estimated : float, or ndarray, shape (...)
+        Where something else than the tolerance sets the steps, so that levels differ by little whatever they are off: what
+        the steps of the finest estimate themselves, together.
     """
     shape = values.shape[:-1]
     numbers = np.asarray(values, float).reshape(-1, values.shape[-1])
     off = (
-        np.broadcast_to(np.asarray(error, float), shape).ravel() for error in (rounding, interpolation, events, kink)
+        np.broadcast_to(np.asarray(error, float), shape).ravel()
+        for error in (rounding, interpolation, events, kink, estimated)
     )
     judging = _Judging(numbers, np.asarray(steps, float), formal, *off)
     judging.judge(None if smooth else ERRATIC * order * order / float(np.sqrt(max(accepted, 1))))
@@ -141,8 +167,9 @@ class _Judging:
         interpolation: Floats,
         events: Floats,
         kink: Floats,
+        estimated: Floats,
     ) -> None:
-        self.values, self.steps, self.formal, self.kink = values, steps, formal, kink
+        self.values, self.steps, self.formal, self.kink, self.estimated = values, steps, formal, kink, estimated
         self.rounding, self.interpolation, self.events = rounding, interpolation, events
         self.remainder = rounding + interpolation + events
         count = len(values)
@@ -166,6 +193,8 @@ class _Judging:
         self.settle(~np.isfinite(values[:, -2:]).all(axis=-1), NOT_CONVERGING, MISSING, np.nan)
         # it is not known on which side of an event these are, however close they are
         self.settle(np.isinf(self.events), EVENT_LIMITED, THRICE, np.inf)
+        restrained = self.estimated > self.rounding
+        self.settle(restrained, PRE_ASYMPTOTIC, RESTRAINED, CAUTION * last + self.estimated + remainder)
         self.settle(last <= self.rounding, ROUNDOFF, ROUNDED, remainder + last)
         ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
         observed = orders[:, -2] if len(steps) > 2 else np.full(len(values), np.nan)

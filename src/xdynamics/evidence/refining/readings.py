@@ -45,6 +45,8 @@ class Outline:
         Accepted steps, and rows of the record.
     row_bytes : float
         Size of a row.
+    estimated : float
+        What all steps estimate to be off together, as a part of the size of a number; 0 of steps without an estimate.
     event_times, event_uncertainties : ndarray, shape (events,), s
     met : mapping of str to ndarray of int
         Which of the events are those of each name.
@@ -62,6 +64,7 @@ class Outline:
     accepted: int
     rows: int
     row_bytes: float
+    estimated: float
     event_times: Floats
     event_uncertainties: Floats
     met: Mapping[str, Rows]
@@ -83,12 +86,20 @@ class Outline:
             int(run.attrs["run_accepted_steps"]),
             run.sizes["step"],
             float(sum(column.dtype.itemsize for column in run.variables.values() if column.dims[:1] == ("step",))),
+            estimated_error(run),
             run.variables["event_time"].values if "event_time" in run.variables else nothing,
             run.variables["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
             events,
             _passed(run),
             {name: chosen_level(run, name, functions) for name in cyclic},
         )
+
+
+def estimated_error(run: xr.Dataset) -> float:
+    """Return what all steps of a run estimate to be off together, as a part of the size of a number."""
+    if "error_norm" not in run.variables or "solver_rtol" not in run.attrs:
+        return 0.0
+    return float(run.attrs["solver_rtol"]) * float(np.nansum(run.variables["error_norm"].values))
 
 
 def _passed(run: xr.Dataset) -> dict[str, float]:
