@@ -354,3 +354,27 @@ def test_absolute_tolerances_go_with_the_relative_one() -> None:
     study = xd.refine(model, method="dop853", rtols=[1e-4, 1e-6, 1e-8], atol=atol, at=["3 s"], until="3 s")
     off = np.abs(study["x"].values[:, 0] - 1e-9 * np.cos(6.0))
     assert off[0] > 20.0 * off[1] > 400.0 * off[2]
+
+
+def test_what_a_controller_holds_is_compared_after_events() -> None:
+    """Assert that a study of a model with a controller and an event has what is held then, which events do not move."""
+    model = xd.Model(
+        name="held",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": "40 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}, "motor": {"x": "u"}},
+        controllers={
+            "feedback": {
+                "every": "50 ms",
+                "outputs": {"u": {"unit": "N", "start": "0 N", "value": "-2*newton*second/metre*v_x"}},
+            }
+        },
+        events={"middle": {"function": "x"}},
+        initial={"x": "0.3 m"},
+    )
+    study = xd.refine(model, method="rk4", steps=["10 ms", "5 ms", "2.5 ms"], until="1 s")
+    run = xd.simulate(model, method="rk4", step="2.5 ms", until="1 s")
+    held = run.u.values[run.event_row_after.values]
+    assert study.after_middle_u.values[-1].tolist() == held.tolist()
+    assert study.after_middle_u.values.shape[1] == run.sizes["event"] > 0

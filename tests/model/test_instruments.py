@@ -404,3 +404,16 @@ def test_a_dataset_of_temperatures_is_compared() -> None:
     assert found.values["T"][0].tolist() == [300.0, 301.0]
     assert measured({"T [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [4.0, 5.0]
     assert measured({"T [K]": [4.0, 5.0], "t [s]": [1.0, 2.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        ([0.0, 1.0, 0.5, 2.0], ", whose times run backwards after row 2"),
+        ([3.0, 2.0, 1.0], ", whose times run backwards after row 1 and 1 times more"),
+        ([0.0, 1.0, 1.0, 2.0], ""),
+    ],
+)
+def test_times_that_run_backwards_are_told(times: list[float], said: str) -> None:
+    """Assert what the name of data says of their order, which titles of fits and comparisons repeat."""
+    assert measured({"t [s]": times, "x [m]": times}, ["x"]).name == f"the DataFrame{said}"

@@ -17,6 +17,7 @@ from xdynamics.dynamics.recorded_links import RowLinks, links_read, row_links
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.dynamics.stacked_columns import blockwise, stacked, step_columns, values_along
 from xdynamics.elementary import kept_set
+from xdynamics.elementary.arrays import flattened
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
@@ -358,7 +359,7 @@ class Inside:
         start, end = time[rows], time[rows + 1]
         if shifts is not None:
             of_step = [np.asarray(shifts[quantity.name]) for quantity in self.quantities]
-            columns[first + doubled * n :][:n] += np.concatenate([part.reshape(len(part), -1).T for part in of_step])
+            columns[first + doubled * n :][:n] += np.concatenate([flattened(part).T for part in of_step])
         inner = columns[first : first + n].copy()
         borders = [*(start + (end - start) * (k / parts) for k in range(parts)), end]
         for low, high in pairwise(borders):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.elementary.arrays import flattened
 from xdynamics.march import Settings
 from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Model
@@ -49,7 +50,7 @@ def blockwise(
 def stacked(columns: list[Any]) -> Floats:
     """Return the numbers of some variables along `step`, a row for each of their elements."""
     parts = [np.asarray(column.transpose(STEPS, ...)) for column in columns]
-    return np.concatenate([part.reshape(len(part), -1).T for part in parts])
+    return np.concatenate([flattened(part).T for part in parts])
 
 
 def step_columns(

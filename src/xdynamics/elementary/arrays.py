@@ -6,6 +6,7 @@ bits differ between machines. Everything that enters evidence is computed here.
 
 from __future__ import annotations
 
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,17 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
             quotient = (upper[..., k, m] - known) / upper[..., k, k]
             coefficients[..., k] = np.where(upper[..., k, k] != 0.0, quotient, 0.0)
     return coefficients
+
+
+def flattened(values: NDArray[Any]) -> NDArray[Any]:
+    """Return an array with all dimensions but the first as one, also one without rows, of which numpy infers no size.
+
+    Examples
+    --------
+    >>> flattened(np.zeros((0, 3, 2))).shape, flattened(np.zeros(4)).shape
+    ((0, 6), (4, 1))
+    """
+    return values.reshape(len(values), prod(values.shape[1:]))
 
 
 def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from math import prod
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.elementary.arrays import flattened
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
@@ -98,12 +98,7 @@ def solution(run: xr.Dataset) -> Solution:
 
 def _rows(states: xr.Dataset, names: list[str]) -> Floats:
     """Return quantities as rows, those with dimensions flattened."""
-    return np.concatenate(
-        [
-            np.asarray(states[name].values, float).reshape(states[name].shape[0], prod(states[name].shape[1:])).T
-            for name in names
-        ]
-    )
+    return np.concatenate([flattened(np.asarray(states[name].values, float)).T for name in names])
 
 
 def _elements(run: xr.Dataset, name: str) -> list[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.archive.place import Given
 from xdynamics.archive.seals import slabs
+from xdynamics.elementary.arrays import flattened
 from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.configuration import settings_for
@@ -212,7 +213,7 @@ def _states(kept: xr.Dataset, march: March, names: Blocks, stride: int) -> Float
         unit = march.model.units[own.first]
         factor = march.settings.scales.of(unit.dimension) / float(unit.factor)
         values = kept.variables[block.name].values[::stride]
-        numbers.append(values.reshape(len(values), -1).T / factor)
+        numbers.append(flattened(values).T / factor)
     return np.concatenate(numbers)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.dynamics.recorded_links import RowLinks
 from xdynamics.dynamics.stacked_columns import step_columns
+from xdynamics.elementary.arrays import flattened
 from xdynamics.evidence.observables import evaluated_inside, rate_tree, reaction_columns
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of
@@ -161,7 +162,7 @@ class Harvest:
         """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
         names = [block.name for block in self.layout.used.blocks]
         time, wanted = self["time"], step_columns(self.model, self.settings, rows, following, names)
-        columns = np.concatenate([self[name][chosen].reshape(chosen.size, -1).T for name, chosen in wanted])
+        columns = np.concatenate([flattened(self[name][chosen]).T for name, chosen in wanted])
         links = None if self._links is None else self._links.at(rows)
         if self.model.delays:
             where = np.stack([times, time[rows], time[following]])

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.elementary.arrays import flattened
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.folding import model_dimensions
@@ -213,7 +214,7 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
         slab = slice(start, min(start + height, shared))
         left, right = np.asarray(variable[slab].values), np.asarray(counterpart[slab].values)
         if not _same_bits(left, right):
-            return start + int(np.flatnonzero(_differs(left, right).reshape(len(left), -1).any(axis=1))[0])
+            return start + int(np.flatnonzero(flattened(_differs(left, right)).any(axis=1))[0])
     if (
         not worded
         and name == END_MEMORY.name

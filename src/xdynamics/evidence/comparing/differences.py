@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.elementary.arrays import flattened
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.causes import cause_of, is_restated, models_apart
@@ -280,7 +281,7 @@ def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
         difference, uncertainty = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
         rounding = ROUNDINGS * EPS * np.fmax.reduce(np.abs(first.variables[name].values))
         away = (np.abs(difference) > uncertainty + rounding).T & ~between_events
-        beyond = np.flatnonzero(away.T.reshape(len(times), -1).any(axis=1))
+        beyond = np.flatnonzero(flattened(away.T).any(axis=1))
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest, own, at = float(times[k]), first.variables[name], (k, *np.argwhere(away.T[k])[0].tolist())

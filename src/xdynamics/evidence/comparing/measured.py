@@ -144,7 +144,16 @@ def measured(
     if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
         raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
-    return data
+    return _told_of_order(data)
+
+
+def _told_of_order(data: Measured) -> Measured:
+    """Have the name of data say where their times run backwards: two records joined in the wrong order, say."""
+    back = np.flatnonzero(np.diff(data.times) < 0.0) if not data.occurrences.size else np.zeros(0, np.int64)
+    if not back.size:
+        return data
+    more = f" and {back.size - 1} times more" if back.size > 1 else ""
+    return replace(data, name=f"{data.name}, whose times run backwards after row {int(back[0]) + 1}{more}")
 
 
 def is_foreign(path: str) -> bool:

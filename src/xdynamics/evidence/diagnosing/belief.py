@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.elementary.arrays import flattened
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, global_error
 from xdynamics.evidence.diagnosing.conservation import ROLE
@@ -53,7 +54,7 @@ def _until(rows: Chunks, tighter: Companion) -> float:
     for name in names:
         span = _range_up_to(whole.variables[name].values, reached)
         far = (np.abs(np.asarray(states.variables[global_error(name)])) > BELIEVED * span) & (span > 0.0)
-        lost |= far.reshape(times.size, -1).any(axis=1)
+        lost |= flattened(far).any(axis=1)
     stays = lost & np.append(lost[1:], lost[-1:])  # a single time may lie between two occurrences of the same impact
     return float(times[int(np.argmax(stays))]) if stays.any() else end
 

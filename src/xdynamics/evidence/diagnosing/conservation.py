@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.elementary.arrays import flattened
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.diagnosing.cycles import Cycles
 from xdynamics.evidence.evidence_dataset import about
@@ -101,7 +102,7 @@ class _Watched:
         """Return the quantity in rows of a record in memory, in SI units: shape (..., k), its elements first."""
         if self.name:
             recorded = np.asarray(run.variables[self.name])[rows] * self.factor
-            along: Floats = recorded if recorded.ndim == 1 else recorded.reshape(len(recorded), -1).T
+            along: Floats = recorded if recorded.ndim == 1 else flattened(recorded).T
             return along
         states = {name: run.variables[name].values[rows] for name in self.read(run, model)}
         return self.at_states(run, model, states, run.variables["time"].values[rows], rows)
