@@ -162,7 +162,10 @@ def _value(entry: str, old: Any, value: Any) -> Any:
     except InputError:
         return value  # an expression, not a quantity
     if isinstance(value, str):
-        quantity = parse_quantity(value)
+        try:
+            quantity = parse_quantity(value)
+        except InputError as error:
+            raise ModelError(f"{entry}: {error}") from None
         if quantity.unit.dimension != unit.dimension:
             raise ModelError(f"{entry} = {value!r} has units '{quantity.unit.dimension}', needs '{unit.dimension}'")
     written = value if isinstance(value, str) else f"{value!r} {unit.text}"

@@ -375,7 +375,9 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
             " at times, one of events with a row for each occurrence"
         )
     if clock is None and not of_events:
-        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(columns) or 'none'}")
+        unknown = f", and {', '.join(map(shown, left_out))}; say which is the time: --column time=…" if left_out else ""
+        known = ", ".join(columns) or "none"
+        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {known}{unknown}")
     occurrences = _occurrences(name, columns, len(columns[of_events[0]][0])) if of_events else np.zeros(0, np.int64)
     times, unit = columns[of_events[0]] if of_events else columns.pop(clock or "")
     uncertainties = {match["name"]: column for key, column in columns.items() if (match := _UNCERTAINTY.fullmatch(key))}
