@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xdynamics.budgeting.rounding import short
 from xdynamics.evidence.diagnosing.heights import RULES, SAID
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
@@ -50,14 +51,14 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
         ends = float(budget["monte_carlo_end_doubt"])
         yield (
             f"drawn     {name} {coverage:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends"
-            f" ± {ends:.1g}{unit}"
+            f" ± {short(ends)}{unit}"
         )
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
     yield f"drawn     standard uncertainty {contributed(standard, doubt)}{unit}, of {draws} draws"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
     remedy = f"; {settled_by(budget)}" if stated(budget, "draws_needed") is not None else ""
     yield (
-        f"linear    {verdict}: its interval ends {float(stated(budget, 'linear_apart')):.2g}{unit} from that of the"
+        f"linear    {verdict}: its interval ends {short(float(stated(budget, 'linear_apart')), 2)}{unit} from that of the"
         f" draws{remedy}"
     )
 
