@@ -238,6 +238,9 @@ TOUCHED = {
         "test_scaling.py -k units or times_of or lines",
         "test_comparison.py -k not (lazy or schema or rerun)",
     ),
+    "evidence/diagnosing/belief.py": ("test_cycles.py -k believed", "test_belief.py"),
+    "model/workbook.py": ("test_instruments.py -k workbook or far_below",),
+    "units/ranges.py": ("test_bare_numbers.py -k axis", "test_units.py -k range"),
     "evidence/comparing/measured.py": (
         "test_signs.py -k measured",
         "test_scaling.py -k measured",

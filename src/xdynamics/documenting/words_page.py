@@ -56,7 +56,7 @@ OF_EVIDENCE = {
     "share": "of a term in the variance; all together 100 %, correlated terms share what they have together",
     "standard_uncertainty_doubt": "how far an uncertainty itself may be off, as of few draws; so with every …_doubt",
     "result": "the number as it is written: ± is k times the standard uncertainty, a small one with its power of ten: ± 5.3e-7;"
-    " numerical part: the march's bound within",
+    " numerical part: the march's bound within; where linear_verdict is not_adequate, the interval that holds its draws",
     "linear_verdict": "whether sums of squares will do, by comparison with draws: adequate, not_adequate, not_checked (draw more)",
     "monte_carlo_shortest": "shortest interval with the coverage among draws; symmetric leaves as many on either side",
     "adequate": "of a fit: its residuals are no more than the data's uncertainty; else budgets refuse the fitted model",
