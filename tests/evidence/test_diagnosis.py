@@ -368,3 +368,18 @@ def test_colliding_bodies_have_no_nearly_exact_run_beside_them() -> None:
     many = common | {"dimensions": {"ball": 30}}
     apart = xd.simulate(xd.Model(name="apart", contacts=walls, **many), **settings | {"until": "20 ms"})
     assert exact_march(apart, None) is not None
+
+
+@pytest.mark.parametrize(
+    ("method", "how"), [("bogacki_shampine", {"rtol": 1e-4}), ("dop853", {"rtol": 1e-5}), ("heun", {"step": "20 ms"})]
+)
+def test_errors_are_known_where_an_event_stops_a_run(method: str, how: dict[str, Any]) -> None:
+    """Assert errors at the end that both runs reach, though the tighter one is stopped first, within a factor of two."""
+    model = xd.Model.from_toml(MODELS / "thrown_ball.toml")
+    run = xd.simulate(model, method=method, **how)
+    found = xd.companion(run)
+    true = xd.sample(xd.simulate(model, method="dop853", rtol=1e-12, atol=1e-14), found.at_time.values - 1e-3)
+    mine = xd.sample(run, found.at_time.values - 1e-3)
+    for name in ("x", "y", "v_x", "v_y"):
+        error = float(mine[name][0] - true[name][0])
+        assert float(found[f"global_error_{name}"][0]) == pytest.approx(error, rel=1.0, abs=1e-6)

@@ -155,7 +155,7 @@ def companion(
     run : xarray.Dataset
         A run record, in memory or opened from an archive.
     times : array_like of float, shape (n,), s, optional
-        Where to estimate; by default at the end of the run.
+        Where to estimate; by default at the end of the run, or of the tighter one where an event stops that first.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
     compute : bool
@@ -217,7 +217,8 @@ def _in_task(
 
 def _beside(run: xr.Dataset, companion: Companion, at: Floats | None) -> xr.Dataset:
     """Return the errors of a record by its tighter run."""
-    times = np.array([float(run["time"][-1])]) if at is None else at
+    last = min(float(data["time"][-1]) for data in (run, companion.run))  # an event may stop the tighter run first
+    times = np.array([last]) if at is None else at
     states = companion.beside(sampled(run, times, after=True, rule=REINTEGRATE, functions=companion.functions))
     digests = [archive.digest_of_run(data) for data in (run, companion.run)]
     return _dataset(run, states, run["event_time"].values, companion.event_errors(), digests)
