@@ -194,7 +194,11 @@ def levels_as(compared: Compared, own: OwnRun, unit: Unit) -> dict[str, Any]:
 def later_as(known: Mapping[str, Any], units: str, second: str) -> dict[str, Any]:
     """Return as variables what is known of a budget only once it is computed, and is an attribute then too."""
     words = {
-        "result": ("1", "the number as it is written, with its expanded uncertainty or the interval of its draws", "result"),
+        "result": (
+            "1",
+            "the number as it is written, with its expanded uncertainty or the interval of its draws",
+            "result",
+        ),
         "linear_apart": (units, "distance of the ends of the linear interval from those of the draws' interval", ROLE),
         "draws_needed": (
             "1",

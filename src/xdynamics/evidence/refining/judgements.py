@@ -48,7 +48,7 @@ MISSING, ROUNDED, INDEX, POWER = (
     "a power of the tolerance",
 )
 UNCERTAINTY_RULES = (POWER, INDEX, SQUARES, MISSING, ROUNDED, RICHARDSON, THRICE, STEPPED_OVER, RESTRAINED)
-FREE = 0.25  # of the growth in steps that a tolerance asks for: with less, something else sets them
+FREE = 0.7  # of the growth in steps that tolerances ask for: with less, something else sets many of them
 CLOSE = 0.05  # distance of an observed order from that of the method, or from a whole number above it
 STEADY = 0.25  # distance from the order before, where there are four levels
 # times the square of the method's order, over the root of the number of steps: how far the logarithm of an error may
@@ -65,18 +65,18 @@ SHARE = 0.3  # of the last difference: largest effect of the location of events
 
 
 def are_restrained(accepted: Sequence[int], tolerances: Floats, order: float) -> bool:
-    """Whether the two finest levels have hardly more steps than each other, for what their tolerances ask for.
+    """Whether steps do not get as many, from the coarsest level to the finest, as their tolerances ask for.
 
-    Breaking points of delayed values, times of tables and the largest step set them then: differences of levels are those
-    of the few steps that the tolerance chose, and say nothing of the others.
+    Breaking points of delayed values, ticks, times of tables and the largest step set many of them then: differences of
+    levels are those of the few steps that the tolerance chose, and say nothing of the others.
 
     Examples
     --------
-    >>> are_restrained([100, 158], np.array([1e-6, 1e-7]), 5.0), are_restrained([100, 103], np.array([1e-6, 1e-7]), 5.0)
+    >>> are_restrained([100, 158], np.array([1e-6, 1e-7]), 5.0), are_restrained([100, 120], np.array([1e-6, 1e-7]), 5.0)
     (False, True)
     """
-    coarse, fine = (max(int(count), 1) for count in accepted[-2:])
-    asked = float(log(np.array(tolerances[-2] / tolerances[-1]))) / order
+    coarse, fine = (max(int(accepted[level]), 1) for level in (0, -1))
+    asked = float(log(np.array(tolerances[0] / tolerances[-1]))) / order
     return float(log(np.array(fine / coarse))) < FREE * asked
 
 
