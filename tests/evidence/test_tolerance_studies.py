@@ -179,4 +179,4 @@ def test_studies_of_every_kind_cover_what_they_state(kind: str, request: pytest.
             uncertainty, size = float(study[f"uncertainty_{name}"][0]), float(abs(true[name]).max())
             error = abs(float(study[name][-1, 0] - true[name][-1]))
             ratios.append(error / max(uncertainty, 4e-13 * size))  # of what the other run is off by itself
-    assert np.mean(np.array(ratios) <= 1.0) >= 0.95
+    assert np.count_nonzero(np.array(ratios) > 1.0) <= max(1.0, 0.05 * len(ratios)), sorted(ratios)[-5:]
