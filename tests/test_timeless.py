@@ -96,7 +96,7 @@ def test_motion_contacts_and_evidence() -> None:
             {},
             "event 'up': time_tolerance is '1.0 ns', needs a positive time in '1'",
         ),
-        ({"time": {"unit": "s"}}, {}, "until '15' has units '1', needs 's'"),
+        ({"time": {"unit": "s"}}, {}, "event 'up': time_tolerance is '1e-09 1', needs a positive time in 's'"),
     ],
 )
 def test_units_that_do_not_fit(change: dict[str, Any], asked: dict[str, Any], said: str) -> None:

@@ -23,7 +23,12 @@ BASE: dict[str, Any] = {
 }
 KINDS: dict[str, dict[str, Any]] = {
     "controller": {
-        "controllers": {"feedback": {"every": "50 ms", "outputs": {"u": {"unit": "N", "start": "0 N", "value": "-2*newton*second/metre*v_x"}}}},
+        "controllers": {
+            "feedback": {
+                "every": "50 ms",
+                "outputs": {"u": {"unit": "N", "start": "0 N", "value": "-2*newton*second/metre*v_x"}},
+            }
+        },
         "forces": {"motor": {"x": "u"}},
     },
     "delay": {"forces": {"late": {"x": "-3*newton/metre*delayed(x, '70 ms')"}}, "history": {"x": "0.3*metre"}},
@@ -35,9 +40,17 @@ KINDS: dict[str, dict[str, Any]] = {
         "initial": {"p": "0.3 m", "q": "-0.4 m"},
     },
     "joint": {
-        "bodies": {"rod": {"mass": "2 kg", "inertia": ["0.2 kg m2", "0.2 kg m2", "0.002 kg m2"],
-                           "points": {"hole": ["0.3 m", "0 m", "0.5 m"]},
-                           "initial": {"position": ["-0.3 m", "0.5 m", "0 m"], "attitude": {"axis": [1, 0, 0], "angle": "90 degree"}}}},
+        "bodies": {
+            "rod": {
+                "mass": "2 kg",
+                "inertia": ["0.2 kg m2", "0.2 kg m2", "0.002 kg m2"],
+                "points": {"hole": ["0.3 m", "0 m", "0.5 m"]},
+                "initial": {
+                    "position": ["-0.3 m", "0.5 m", "0 m"],
+                    "attitude": {"axis": [1, 0, 0], "angle": "90 degree"},
+                },
+            }
+        },
         "joints": {"pin": {"hinge": ["rod", "space"], "at": ["hole", ["0 m", "0 m", "0 m"]], "axis": [1, 0, 0]}},
         "forces": {"weight_of_rod": {"potential": "20*newton*rod_r[z]"}},
     },
@@ -48,8 +61,10 @@ KINDS: dict[str, dict[str, Any]] = {
         "coordinates": {"z": {"unit": "m", "dims": ["ball"]}},
         "mass": {"z": "0.1*kilogram"},
         "forces": {"falls": {"z": "-0.1*kilogram*g"}},
-        "contacts": {"ground": {"gap": "z - 0.05*metre", "restitution": 0.3},
-                     "balls": {"gap": "second(z, pair) - first(z, pair) - 0.1*metre", "restitution": 0.3}},
+        "contacts": {
+            "ground": {"gap": "z - 0.05*metre", "restitution": 0.3},
+            "balls": {"gap": "second(z, pair) - first(z, pair) - 0.1*metre", "restitution": 0.3},
+        },
         "initial": {"z": {"unit": "m", "value": [0.06, 0.2, 0.4]}},
     },
     "friction": {"frictions": {"rail": {"slip": "v_x", "kinetic": "0.8*newton", "static": "1*newton"}}},
@@ -61,18 +76,27 @@ KINDS: dict[str, dict[str, Any]] = {
     },
     "regimes": {
         "forces": {"push": {"x": "1*newton"}, "brake": {"x": "-1*newton"}},
-        "regimes": {"pushed": {"forces": ["spring", "weight", "push"]}, "braked": {"forces": ["spring", "weight", "brake"]}},
+        "regimes": {
+            "pushed": {"forces": ["spring", "weight", "push"]},
+            "braked": {"forces": ["spring", "weight", "brake"]},
+        },
         "events": {"turn": {"function": "x", "direction": "falling", "action": "switch", "to": "braked"}},
         "initial": {"regime": "pushed"},
     },
-    "reset": {"events": {"kick": {"function": "x", "direction": "rising", "action": "reset", "set": {"v_x": "0.9*v_x"}}}},
+    "reset": {
+        "events": {"kick": {"function": "x", "direction": "rising", "action": "reset", "set": {"v_x": "0.9*v_x"}}}
+    },
     "table": {
         "drives": {"gust": {"csv": "time [s],gust [N]\n0,0\n0.2,1\n0.5,0\n1,0\n", "outside": "hold"}},
         "forces": {"wind": {"x": "gust"}},
     },
-    "stop": {"events": {"low": {"function": "y + 1*metre", "direction": "falling", "action": "stop"},
-                        "middle": {"function": "x", "action": "record"}}},
-}  # fmt: skip
+    "stop": {
+        "events": {
+            "low": {"function": "y + 1*metre", "direction": "falling", "action": "stop"},
+            "middle": {"function": "x", "action": "record"},
+        }
+    },
+}
 MARCHES: dict[str, dict[str, Any]] = {
     "fixed": {"method": "rk4", "step": "5 ms"},
     "chosen": {"method": "dop853", "rtol": 1e-9},

@@ -14,7 +14,7 @@ from xdynamics.methods import radau
 LEAST, GREATEST, SAFETY = 0.125, 8.0, 0.9
 
 tolerance = plain(function_of(step_control.TOLERANCE, "rtol size floor top", "atol"))
-allowed = plain(function_of(step_control.ALLOWED, "atol rtol rest floor top slope rounding", "allowed"))
+allowed = plain(function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed"))
 ratio = plain(function_of(step_control.RATIO, "error before after allowed rtol", "ratio"))
 worst = plain(function_of(step_control.NORM, "norm error before after allowed rtol", "norm"))
 proportional = plain(
@@ -62,18 +62,7 @@ def test_what_has_no_size_is_allowed_the_motion_of_its_rate(
     atol: float, top: float, slope: float, found: float
 ) -> None:
     """Assert rtol of |slope| over the time `rest` where there is no tolerance yet, and only there."""
-    for rounding in (0.0, 2e-15):
-        assert allowed(atol, 1e-2, 0.5, 1e-6, top, slope, rounding) == pytest.approx(found, rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("atol", "rounding", "counts"), [(1e-16, 2e-15, True), (1e-13, 2e-15, False), (1e-16, 0.0, False)]
-)
-def test_a_size_by_rounding_is_none(atol: float, rounding: float, *, counts: bool) -> None:
-    """Assert that a tolerance by motions of a rounding of the rate gives way to that of the rate, where terms are weighed."""
-    assert allowed(atol, 1e-2, 0.5, 1e-6, 0.0, 1.0, rounding) == pytest.approx(
-        1e-2 * 0.5 if counts else atol, rel=1e-15
-    )
+    assert allowed(atol, 1e-2, 0.5, 1e-6, top, slope) == pytest.approx(found, rel=1e-15)
 
 
 def test_the_norm_is_the_largest_ratio() -> None:

@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.everyday import EVERYDAY, shares, statement_of
 from cases.resting import CASES, METHODS, Resting, marched, marched_absolutely, resting
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
@@ -146,14 +145,3 @@ def test_nothing_loosens_where_motion_is_real(method: str, rtol: float) -> None:
     )
     run, former = (xd.simulate(model, method=method, rtol=rtol, until=10.0, atol_floor=rule) for rule in ATOL_FLOORS)
     assert (run.sizes["step"], run.x.values.tobytes()) == (former.sizes["step"], former.x.values.tobytes())
-
-
-@pytest.mark.parametrize("method", ["heun", "bogacki_shampine", "dop853"])
-def test_what_has_moved_by_rounding_alone_has_not_moved(method: str) -> None:
-    """Assert that elements whose rest is 1e-22 m of rounding begin to slip like those that rest at zero."""
-    case = EVERYDAY["book_under_a_growing_pull"]
-    run = xd.simulate(statement_of(case, "body"), method=method, rtol=shares(case, method)[0], until=case.until)
-    assert run.attrs["run_outcome"] == "completed", run.attrs["run_outcome_text"]
-    assert float(run.x[-1, 0]) == pytest.approx(case.expects["x"], rel=1e-3)
-    before = run.time.values < 1.9
-    assert 0.0 < np.abs(run.x.values[before]).max() < 1e-15

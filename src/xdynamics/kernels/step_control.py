@@ -21,12 +21,9 @@ CONSTANTS = {
 }
 
 # The tolerance of a variable that follows its size, and what is allowed to its error: at least that of the largest of
-# its kind, and where none of the kind has moved yet, but by rounding, that of its rate; without `rounding` not at all
+# its kind, and where none of the kind has moved yet, that of its rate
 TOLERANCE = "atol = max(rtol*size, floor*top)"
-ALLOWED = """
-moved = rtol*rest*abs(slope)
-allowed = max(atol, floor*top, where(atol <= 400*rounding*moved, moved, 0))
-"""
+ALLOWED = "allowed = max(atol, floor*top, where(atol == 0, rtol*rest*abs(slope), 0))"
 # The largest ratio of an error to its scale; a component that stays zero has no error, whatever its scale
 RATIO = "ratio = where(error != 0, abs(error)/(allowed + rtol*max(abs(before), abs(after))), 0)"
 NORM = f"{RATIO}\nnorm = max(norm, ratio)"

@@ -39,7 +39,7 @@ def first_step_rule(method: Method) -> str:
 
 
 # the lines as functions of numbers
-_allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope rounding", "allowed")
+_allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
 _of_rate = function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
 _of_coordinate = function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
 _floored_norm = function_of(step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm")
@@ -63,8 +63,7 @@ def allowed_of(run: Run, state: State, i: int) -> float:
     """Return the error that a variable may have at a state, besides its share of the value there."""
     plan, atol = run.plan[0], run.atol[i]
     if plan.follows and run.followers[i]:  # variables that start from zero are measured by others of their kind
-        top, slope = run.tops[run.kinds[i]], slope_of(run, state, i)
-        atol = _allowed(atol, plan.rtol, plan.rest, plan.floor, top, slope, plan.rounding)
+        atol = _allowed(atol, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], slope_of(run, state, i))
     return float(atol)
 
 
