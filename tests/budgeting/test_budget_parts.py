@@ -899,7 +899,11 @@ def test_a_slope_that_is_rounding_is_none() -> None:
 def test_what_levels_are_limited_by_is_named(interpolation: float, location: float, verdict: int) -> None:
     """Assert that events are blamed only where their location is more uncertain than what is between steps."""
     levels: Any = SimpleNamespace(
-        values=np.array([1e-6, 1e-7, 1e-8]), formal=1.0, order=8.0, varied=SimpleNamespace(keyword="rtols")
+        are_restrained=lambda _: False,
+        values=np.array([1e-6, 1e-7, 1e-8]),
+        formal=1.0,
+        order=8.0,
+        varied=SimpleNamespace(keyword="rtols"),
     )
     found = [Estimate(1.0 + change, interpolation, location, 100, "") for change in (1e-8, 1e-9, 0.0)]
     assert Compared.of(levels, *found).judgement.verdict == verdict

@@ -19,7 +19,7 @@ from xdynamics.model import Model, check_model
 from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.record.run_columns import named_columns
 from xdynamics.shapes.naming import parted
-from xdynamics.sweeping.axis_values import numbers_of, scale_of
+from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.units import Unit, parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]
@@ -218,7 +218,7 @@ def bounds_of(
 def _ends(asked: Asked, name: str, ends: Any) -> Floats:
     declared = asked.declared(name)
     try:
-        values, unit = numbers_of(list(ends), scale_of(declared))
+        values, unit = numbers_of(list(ends), declared.scale_of_numbers)
     except (InputError, TypeError) as error:
         raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
     values = values * float(unit.factor / declared.unit.factor)

@@ -27,10 +27,9 @@ from xdynamics.evidence.refining.judgements import (
     EVENT_LIMITED,
     INTERPOLATION_LIMITED,
     Judged,
-    are_restrained,
     judge,
 )
-from xdynamics.evidence.refining.levels import ALL, RTOLS, Levels, absolute_tolerances
+from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.refining.readings import estimated_error
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task
@@ -130,9 +129,7 @@ class Compared:
         values = np.array([estimate.value for estimate in estimates])
         before, finest = (estimate.events for estimate in estimates[-2:])
         apart = before.in_words(finest) if before.are_apart(finest) else ""
-        restrained = levels.varied == RTOLS and are_restrained(
-            [estimate.steps for estimate in estimates], levels.values, levels.order
-        )
+        restrained = levels.are_restrained([estimate.steps for estimate in estimates])
         judgement = judge(
             values,
             levels.values,

@@ -113,8 +113,7 @@ class Companion:
         times = states[AT_TIME].values
         reached = times <= float(self.run["time"][-1])
         names, errors = _with_errors(states), {}
-        run = self.run if all(name in self.run.variables for name in names) else unfold(self.run)
-        tight = sampled(run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
+        tight = sampled(self.holding(names), times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
         for name in names:
             errors[name] = np.full(states.variables[name].shape, np.nan)
             errors[name][reached] = self.factor * (
@@ -123,6 +122,10 @@ class Companion:
         return _added(states, errors, self.factor, self.said).assign_attrs(
             companion_digest=archive.digest_of_run(self.run)
         )
+
+    def holding(self, names: Sequence[str]) -> xr.Dataset:
+        """Return the tighter run with variables of these names, which may be those of elements."""
+        return self.run if all(name in self.run.variables for name in names) else unfold(self.run)
 
     def event_errors(self) -> Floats:
         """Return the error of each event's time, s; nan where the tighter run did not meet the event."""

@@ -219,7 +219,7 @@ def _in_one_unit(
             numbers.append(number if convert is None else convert(number))
             continue
         if scale is None:
-            scale = quantity.scale or Scale(quantity.unit)
+            scale = quantity.scale_of_numbers
             convert = _conversion(scale, difference=difference)
         unit = scale.unit
         if quantity.unit.dimension != unit.dimension:

@@ -16,7 +16,7 @@ from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.shapes.naming import DOT, parted, spoken, written
-from xdynamics.sweeping.axis_values import Values, scale_of, written_numbers
+from xdynamics.sweeping.axis_values import Values, written_numbers
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
 from xdynamics.units import NONE, Quantity, Scale, Unit, parse_unit
@@ -269,13 +269,15 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     """
     name = model.shapes.inside(name)
     if name in model.statement.parameters:
-        return _quantities(name, PARAMETER, values, scale_of(model.statement.parameters[name].quantity), _said(name))
+        return _quantities(
+            name, PARAMETER, values, model.statement.parameters[name].quantity.scale_of_numbers, _said(name)
+        )
     if (whole := _whole(model, name, values)) is not None:
         return whole
     initial = name.removeprefix(FOR_INITIAL)
     if initial in model.statement.initial:
         kind = START if initial == "t" else INITIAL
-        return _quantities(initial, kind, values, scale_of(model.statement.initial[initial]), _said(name))
+        return _quantities(initial, kind, values, model.statement.initial[initial].scale_of_numbers, _said(name))
     if name in model.drives:
         return _tables(name, values)
     if name == STEP:

@@ -29,11 +29,6 @@ def numbers_of(entries: Any, declared: Scale) -> tuple[Values, Unit]:
     return np.array(values, float), unit
 
 
-def scale_of(quantity: Quantity) -> Scale:
-    """Return the scale that bare numbers in the place of a quantity are on."""
-    return quantity.scale or Scale(quantity.unit)
-
-
 def written_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float], Unit]:
     """Read the same; numbers in a list keep the digits that they were written with, where these are more than a float has.
 
@@ -120,7 +115,7 @@ def _of_text(text: str) -> list[Quantity]:
     if ":" in text:
         raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
     quantities = [parse_quantity(part) for part in text.split(",")]
-    return _with_unit(quantities, scale_of(quantities[-1]))
+    return _with_unit(quantities, quantities[-1].scale_of_numbers)
 
 
 def _range(text: str) -> tuple[Values, Unit]:

@@ -120,9 +120,10 @@ class Quantity:
     unit: Unit
     scale: Scale | None = field(default=None, compare=False, repr=False)
 
-    def with_value(self, number: float) -> Quantity:
-        """Return the same quantity with another number, on the scale that this one was written on."""
-        return Quantity(number if self.scale is None else self.scale.value(number), self.unit, self.scale)
+    @property
+    def scale_of_numbers(self) -> Scale:
+        """The scale that bare numbers in its place are on: that which it was written on, or its unit."""
+        return self.scale or Scale(self.unit)
 
     @property
     def si(self) -> float:

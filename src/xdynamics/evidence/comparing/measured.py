@@ -144,10 +144,10 @@ def measured(
     if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
         raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
-    return _told_of_order(data)
+    return _with_order_remark(data)
 
 
-def _told_of_order(data: Measured) -> Measured:
+def _with_order_remark(data: Measured) -> Measured:
     """Have the name of data say where their times run backwards: two records joined in the wrong order, say."""
     back = np.flatnonzero(np.diff(data.times) < 0.0) if not data.occurrences.size else np.zeros(0, np.int64)
     if not back.size:

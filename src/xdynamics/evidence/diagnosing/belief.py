@@ -17,7 +17,6 @@ from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.unfolding import unfold
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -49,7 +48,7 @@ def _until(rows: Chunks, tighter: Companion) -> float:
     states = tighter.beside(sampled(near, times, after=True, rule=REINTEGRATE, functions=tighter.functions))
     lost = np.zeros(times.size, bool)
     names = with_roles(run, ("coordinate", "velocity", "state"))
-    whole = tighter.run if all(name in tighter.run.variables for name in names) else unfold(tighter.run)
+    whole = tighter.holding(names)
     reached = np.searchsorted(whole.variables["time"].values, times, side="right") - 1 + AHEAD
     for name in names:
         span = _range_up_to(whole.variables[name].values, reached)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.family import ROLE, Watched, family
-from xdynamics.evidence.refining.judgements import FEW_STEPS, are_restrained
-from xdynamics.evidence.refining.levels import RTOLS
+from xdynamics.evidence.refining.judgements import FEW_STEPS
 from xdynamics.evidence.refining.readings import Common, Outline, Readings
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
@@ -111,10 +110,8 @@ class Findings:
 
 def _estimated(study: Study) -> float:
     """Return what the steps of the finest run estimate to be off together, where the tolerance did not set them."""
-    levels, accepted = study.levels, [outline.accepted for outline in study.outlines]
-    if levels.varied != RTOLS or not are_restrained(accepted, levels.values, levels.order):
-        return 0.0
-    return study.outlines[-1].estimated
+    restrained = study.levels.are_restrained([outline.accepted for outline in study.outlines])
+    return study.outlines[-1].estimated if restrained else 0.0
 
 
 def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[str, Any]) -> xr.Dataset:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.refining.judgements import HIGHEST
+from xdynamics.evidence.refining.judgements import HIGHEST, are_restrained
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import layout_of
@@ -153,6 +153,10 @@ class Levels:
     def ordered(self) -> bool:
         """Whether levels are numbers with which errors shrink."""
         return self.varied not in WORDS
+
+    def are_restrained(self, accepted: Sequence[int]) -> bool:
+        """Whether something else than the tolerances of the levels sets their steps, of which each accepted so many."""
+        return self.varied == RTOLS and are_restrained(accepted, self.values, self.order)
 
     def rule(self, k: int) -> str:
         """Return how states between accepted ones are found in a level."""

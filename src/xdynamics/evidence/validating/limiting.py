@@ -231,7 +231,7 @@ def _values(
 
     def read(value: Any) -> float:
         if not isinstance(value, str):
-            return declared.with_value(float(value)).value
+            return declared.scale_of_numbers.value(float(value))
         quantity = parse_quantity(value)
         if quantity.unit.dimension != unit.dimension:
             raise InputError(f"{parameter} {value!r} has units '{quantity.unit.dimension}', needs '{unit.text}'")
