@@ -46,6 +46,46 @@ def test_a_mass_that_jumps_keeps_the_velocity(method: str, sections: dict[str, o
     assert (float(run["a_x"][before]), float(run["a_x"][after])) == pytest.approx((2.0, 10.0))
 
 
+SWITCHED = {
+    "kinetic": {"kinetic": f"{JUMP}*v_x**2/2", "potential": "-F*x"},
+    "kinetic kink": {"kinetic": "(50*kilogram + 1*kilogram*abs(x/(1*metre) - 1))*v_x**2/2", "potential": "-F*x"},
+    "potential": {"kinetic": "50*kilogram*v_x**2/2", "potential": "F*abs(x - 1*metre)"},
+}
+
+
+@pytest.mark.parametrize("energies", SWITCHED.values(), ids=SWITCHED)
+def test_elements_have_the_switches_of_one(energies: dict[str, str]) -> None:
+    """Assert that energies along a dimension switch where those of one body do, in each element or for all of them."""
+    alone = cart(mass=None, forces=None, lagrangian=energies)
+    wide = {"dimensions": {"body": 2}, "coordinates": {"x": {"unit": "m", "dims": ["body"]}}}
+    of_two = cart(mass=None, forces=None, lagrangian=energies, **wide)
+    (one,), many = switches(alone), switches(of_two)
+    assert {switch.owner for switch in many} == {one.owner}
+    assert {switch.jumps for switch in many} == {one.jumps}
+    ends = [xd.simulate(model, method="midpoint", until="15 s", rtol=1e-6) for model in (alone, of_two)]
+    assert np.allclose(ends[1]["v_x"][-1], ends[0]["v_x"][-1], rtol=1e-4)
+    assert ends[1].sizes["event"] == ends[0].sizes["event"] * len(many) > 0
+
+
+FRICTION = {
+    "gap": "y", "restitution": "0", "tangential": "coulomb", "slip": "v_x",
+    "friction": "where(x > 3*metre, 0.5, 0.1)", "static": "where(t > 3*second, 0.6, 0.5)",
+}  # fmt: skip
+
+
+def test_friction_of_a_contact_switches_in_each_element() -> None:
+    """Assert that a contact along a dimension has the switches of its coefficients."""
+    sections = {
+        "coordinates": {name: {"unit": "m", "dims": ["body"]} for name in "xy"},
+        "dimensions": {"body": 2},
+        "mass": {"x": "1*kilogram", "y": "1*kilogram"},
+        "forces": {"weight": {"y": "-10*newton"}},
+        "initial": {"x": "0 m", "y": "0 m", "v_x": "10 m s-1", "v_y": "0 m s-1"},
+        "contacts": {"floor": FRICTION},
+    }
+    assert [switch.owner for switch in switches(cart(**sections))] == ["floor"] * 3  # two places, one clock
+
+
 def test_a_mass_stepped_over_is_known_to_be() -> None:
     """Assert that only switches = "stepped over" steps over the jump, with its error."""
     run = xd.simulate(cart(), method="rk4", step="0.03 s", until="15 s", switches=STEPPED_OVER)

@@ -77,7 +77,12 @@ def moved_along(coefficients: Sequence[Number], ends: Sequence[Number], piece: P
     top = slope_top * share * (0.25 / degree)
     ways = bernstein([0.0, *coefficients[1:]], piece.first, share)
     slopes = bernstein([k * coefficients[k] for k in range(1, degree + 1)], piece.first, share)
-    way = reduce(greatest, map(absolute, coefficients[1:])) * (4.0 * degree * degree * EPS)
+    sizes = [absolute(coefficient) for coefficient in coefficients[1:]]
+    reached, power = list[Number](), piece.last  # as far as the piece alone: of a small one near the start, less by far
+    for size in sizes:
+        reached.append(size * power)
+        power = power * piece.last
+    way, slope_way = (reduce(greatest, each) * (4.0 * degree * degree * EPS) for each in (reached, sizes))
     rounding = way + ROUNDED * greatest(absolute(start), absolute(end))
     lack = (end - start) - (ways[-1] - ways[0])
     values = [start + ((b - ways[0]) + lack * (k / degree)) for k, b in enumerate(ways)]
@@ -85,7 +90,7 @@ def moved_along(coefficients: Sequence[Number], ends: Sequence[Number], piece: P
     off = top + bent / 2.0 + rounding
     lack = choose(absolute(lack) <= 4.0 * rounding, 0.0, lack)  # rounding says nothing of a slope
     lean = choose(piece.w > 0.0, quotient(lack, piece.w), 0.0)
-    tilt = STEEPEST * quotient(share, piece.last) * absolute(lean) + quotient(slope_top + degree * way, piece.h)
+    tilt = STEEPEST * quotient(share, piece.last) * absolute(lean) + quotient(slope_top + degree * slope_way, piece.h)
     low, high = quotient(reduce(least, slopes), piece.h), quotient(reduce(greatest, slopes), piece.h)
     return Moved(reduce(least, values), reduce(greatest, values), off, low + lean - tilt, high + lean + tilt)
 

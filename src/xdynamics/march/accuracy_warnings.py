@@ -52,6 +52,7 @@ def doubts(march: March) -> list[str]:
         *_of_stopped_slips(march),
         *_of_held_links(march),
         *_of_constraints(march.model),
+        *_of_resets(march),
     ]
 
 
@@ -74,6 +75,19 @@ def _of_tolerances(march: March) -> Iterator[str]:
         f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
         " it follows the sizes then"
     )
+
+
+def _of_resets(march: March) -> Iterator[str]:
+    """Name the resets that turned a motion back which errors of steps had carried through zero: it may never return."""
+    departures = march.run.departures
+    strayed = zip(march.layout.watched, departures["strays"].tolist(), strict=True) if departures.size else ()
+    names = [f"'{detector.name}'" for detector, strays in strayed if strays]
+    if names:
+        yield (
+            f"event {' and '.join(names)} set the motion back when errors of steps had carried it through zero by more than"
+            " time tolerances allow, and it need not come back from there; give a smaller rtol or step, a method of higher"
+            " order, or write what bounces as [contacts]"
+        )
 
 
 def _of_first_step(march: March) -> Iterator[str]:

@@ -18,7 +18,7 @@ from xdynamics.march.calls import applied, called
 from xdynamics.march.force_evaluation import find_term_sizes, slope_of
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
-from xdynamics.march.tolerance_sizes import tops_of
+from xdynamics.march.tolerance_sizes import settle_tolerances, tops_of
 from xdynamics.methods.method import Method
 
 State = NDArray[Any]
@@ -108,6 +108,19 @@ def rounding_of(run: Run, i: int, width: float) -> float:
     if i < n:
         return float(_of_coordinate(rounding, width, slope_of(run, run.probe, n + i)))
     return float(_of_rate(rounding, width, slope_of(run, run.probe, i)))
+
+
+@shared
+def forget_rounding(run: Run) -> None:
+    """Forget sizes of what has moved by no more than the rounding of forces since the start: it has rested, and is let go."""
+    plan, now = run.plan[0], run.now[0]
+    if not plan.follows or plan.rounding == 0.0:
+        return
+    find_term_sizes(run, now.t, run.y)
+    for i in range(plan.used):
+        if run.largest[i] <= rounding_of(run, i, now.t - plan.start):
+            run.largest[i] = 0.0
+    settle_tolerances(run)
 
 
 @compiled

@@ -14,6 +14,7 @@ from xdynamics.march.perturbation import EVALUATIONS, STATES
 from xdynamics.march.runner import March
 from xdynamics.march.timescales import put_aside
 from xdynamics.march.tolerances import Tolerances
+from xdynamics.methods.steppers import SIMPLIFIED
 
 Floats = NDArray[np.float64]
 
@@ -106,13 +107,13 @@ def effect_of(march: March) -> Effect:
 
 
 def passed_over(march: March) -> float:
-    """Return how many times the fastest time scale at the start a given first step of an explicit method is; 0 if few.
+    """Return how many times the fastest time scale at the start a given first step is; 0 if few, or if stiff decay is damped.
 
     Such a step is finite where what it starts from is over at once: of ``P/v`` at 1 um/s the first stage alone counts,
     and the speed it leads to has nothing to do with the force.
     """
     settings, plan = march.settings, march.run.plan[0]
-    if settings.adaptive or settings.method.solves or not march.witnesses.steps.shape[1]:
+    if settings.adaptive or settings.method.solver == SIMPLIFIED or not march.witnesses.steps.shape[1]:
         return 0.0
     first, rates = float(plan.step_size or (march.run.steps[0] if len(march.run.steps) else 0.0)), np.zeros((1, 1))
     with put_aside(march), np.errstate(all="ignore"):

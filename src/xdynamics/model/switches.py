@@ -26,6 +26,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
 from xdynamics.model.delays import is_before
 from xdynamics.model.drive_arguments import CLOCK
+from xdynamics.model.lagrangian import POTENTIAL
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import FAR
@@ -132,7 +133,8 @@ def jumping_switches(model: Model) -> tuple[Switch, ...]:
     """Return the hidden switches at which a force itself jumps, and not a derivative."""
     if model.shapes.dims and not model.shaped.drives:
         # derivatives of a potential jump where it has a kink
-        derived = any(force.potential is not None for force in model.shaped.forces.values())
+        derived = model.shaped.lagrangian is not None
+        derived = derived or any(force.potential is not None for force in model.shaped.forces.values())
         if not any(_call_any(trees, SWITCHING if derived else JUMPING) for _, trees, _ in _wholes(model)):
             return ()
     return tuple(switch for switch in switches(model) if switch.jumps)
@@ -326,7 +328,7 @@ def owner_of_masses(model: Model) -> str:
 
 def _masses(model: Model) -> Iterator[Node]:
     """Yield the masses that may switch, definitions substituted; of elements all, if the whole may."""
-    if model.shapes.dims and not _call_any(masses_of_wholes(model), SWITCHING) and model.shaped.lagrangian is None:
+    if model.shapes.dims and not _call_any(masses_of_wholes(model), SWITCHING):
         return
     for entry in model.statement.mass_entries.values():
         tree = model.expanded(entry)
@@ -335,11 +337,10 @@ def _masses(model: Model) -> Iterator[Node]:
 
 
 def masses_of_wholes(model: Model) -> list[Node]:
-    """Return the masses of a model with dimensions; none where they are derived from energies."""
+    """Return the masses of a model with dimensions, or the energy from which they are derived."""
     whole = model.shaped
-    return (
-        [expanded(tree, whole.definitions, model.shapes) for tree in whole.mass_entries.values()] if whole.mass else []
-    )
+    trees = whole.mass_entries.values() if whole.lagrangian is None else [whole.lagrangian.kinetic]
+    return [expanded(tree, whole.definitions, model.shapes) for tree in trees]
 
 
 def _written_out(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
@@ -366,8 +367,12 @@ def _wholes(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
     for name, state in whole.states.items():
         yield name, [expanded(state.rate, whole.definitions, model.shapes)], state.smooth
     yield owner_of_masses(model), masses_of_wholes(model), False
-    for name, friction in whole.frictions.items():
-        trees = [expanded(tree, whole.definitions, model.shapes) for tree in (friction.kinetic, friction.static)]
+    if whole.lagrangian is not None and whole.lagrangian.potential is not None:
+        yield POTENTIAL, [expanded(whole.lagrangian.potential, whole.definitions, model.shapes)], False
+    rubs = {name: (part.kinetic, part.static) for name, part in whole.frictions.items()}
+    rubs |= {name: (part.friction, part.static) for name, part in whole.contacts.items()}
+    for name, bounds in rubs.items():
+        trees = [expanded(tree, whole.definitions, model.shapes) for tree in bounds if tree is not None]
         yield name, trees, False
 
 

@@ -200,3 +200,51 @@ def test_a_box_stands_where_nothing_is_near() -> None:
     assert march.run.region[STANDS] == 1.0
     assert march.run.region[BOX] <= -1.0
     assert 1.0 <= march.run.region[BOX + 1] < 1.5
+
+
+TURNS = {  # of a rotor at 1 rad s-2 from rest: q = t^2/2 is pi, 2 pi and 3 pi
+    "mod(q, 2*pi) - pi": [np.pi, 2 * np.pi, 3 * np.pi],
+    "q - 2*pi*floor(q/(2*pi)) - pi": [np.pi, 2 * np.pi, 3 * np.pi],
+    "where(q < 2*pi, q, q - 2*pi) - 3": [3.0, 2 * np.pi, 3.0 + 2 * np.pi],
+}
+LONG = [
+    *({"method": method, "step": "5 s"} for method in ("rk4", "taylor", "radau_iia", "velocity_verlet")),
+    *({"method": method} for method in ("taylor", "dormand_prince", "dop853")),
+]
+
+
+@pytest.mark.parametrize("beside", ["", "q - 2*pi", "q - 1"])
+@pytest.mark.parametrize("function", TURNS)
+@pytest.mark.parametrize("how", LONG, ids=lambda how: " ".join(how.values()))
+def test_a_jump_and_roots_within_one_step(how: dict[str, str], function: str, beside: str) -> None:
+    """Assert that a step over a revolution finds all passages, the jump beside another event at its place too."""
+    model = xd.Model(
+        name="rotor",
+        coordinates={"q": "rad"},
+        parameters={"J": "1 kg m2"},
+        mass={"q": "J"},
+        forces={"motor": {"q": "1*newton*metre"}},
+        initial={"q": "0 rad", "v_q": "0 rad s-1"},
+        events={"turn": {"function": function}} | ({"beside": {"function": beside}} if beside else {}),
+    )
+    run = xd.simulate(model, until="5 s", **how)
+    found = run.dynamics.events("turn")
+    assert found["event_time"].values == pytest.approx(np.sqrt(2.0 * np.array(TURNS[function])), abs=5e-12)
+    assert found["event_kind"].values.tolist() == [0, 2, 0]
+
+
+@pytest.mark.parametrize("method", ["forward_euler", "euler_cromer", "heun"])
+def test_a_ball_that_errors_carry_through_the_floor_is_told(method: str) -> None:
+    """Assert that a reset which turns a motion back too late, so that it falls through, is warned of."""
+    ball = xd.Model(
+        name="ball",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "g": "9.81 m s-2"},
+        mass={"y": "m"},
+        forces={"gravity": {"y": "-m*g"}},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
+        events={"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-0.5*v_y"}}},
+    )
+    with pytest.warns(xd.AccuracyWarning, match="'floor' set the motion back when errors of steps had carried it through"):
+        run = xd.simulate(ball, method=method, until="3 s", rtol=2.5e-4)
+    assert float(run["y"][-1]) < -1.0

@@ -55,7 +55,7 @@ def begin_departures(run: Run) -> None:
         departure, watch = run.departures[i], run.watches[i]
         departure.rate, departure.side, departure.leaves, departure.met, departure.at_start = 0.0, 0, 0, 0, 0
         departure.last, departure.pause, departure.earlier, departure.longest, departure.short = -inf, inf, inf, inf, 0
-        departure.limit, departure.doubt, departure.goes_on = -inf, 0.0, 0
+        departure.limit, departure.doubt, departure.goes_on, departure.strays = -inf, 0.0, 0, 0
         watch.hit = NONE
     find_sides(run)
     number = 0
@@ -133,6 +133,8 @@ def take_departure(run: Run, i: int) -> None:
     within = max(abs(departure.rate), abs(rate)) * LATE * resolution(run, i, 0.0)
     if not may_be_zero(run, i, run.g[i]) or abs(run.g[i]) > max(murk(run, i, run.z), within):
         watch.armed, departure.leaves = sign(run.g[i]), STANDING
+        strayed = own and watch.flaw == SMOOTH and run.detectors[i].action == _RESET and watch.armed == direction
+        departure.strays = max(departure.strays, int(strayed and rate * direction < 0.0))
     else:
         goes_on = watch.armed == side and before == side
         watch.armed, departure.leaves = side, LEAVING if side != 0 else (ACTED if own else STANDING)

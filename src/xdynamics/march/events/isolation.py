@@ -32,6 +32,7 @@ from xdynamics.march.events.zero_tests import (
     murk,
     reaches,
     resolution,
+    returns,
     sign,
     stays_within,
     tighten,
@@ -155,7 +156,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
         tighten(run)
     for i in range(run.detectors.shape[0]):  # only once all are noted: further tests overwrite the intervals
         if run.watches[i].alive:
-            run.watches[i].state = known(run, i)
+            run.watches[i].state = OPEN if start == 0.0 and returns(run, i) else known(run, i)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         if watch.alive and watch.state == OPEN:

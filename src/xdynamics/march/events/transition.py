@@ -13,7 +13,7 @@ from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.calls import called, entered_by
-from xdynamics.march.control import grow
+from xdynamics.march.control import forget_rounding, grow
 from xdynamics.march.events.actions import act
 from xdynamics.march.events.arming import forget, rearm
 from xdynamics.march.events.departures import begin_instant, judge_actions, judges, meet_departures
@@ -61,6 +61,7 @@ _BEFORE, _AFTER, _NODE = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER), np.int64
 NEWTON_TURNS = 3  # from the time tolerance to 31 digits
 State = NDArray[Any]
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
+forget_rounding_apart = apart(forget_rounding)
 
 
 @shared
@@ -334,6 +335,8 @@ def go_on(run: Run, reached: bool) -> None:
         entered_by(run.functions[CONTACT_PHASE], run, now.t, SETTLE)
         if run.balance[GUARD] != KEPT_ALL:
             end(run, CONTACT_INCONSISTENT)
+        if meets_contact(run):
+            forget_rounding_apart(run)
     rearm(run, run.instant.shape[0] > 0 and run.instant[0].changed > 0)
     if holds(run):
         copy(run.y, run.z)

@@ -160,6 +160,13 @@ def clears(before: float, after: float, down: float, up: float, w: float) -> boo
 
 
 @shared
+def returns(run: Run, i: int) -> bool:
+    """Whether a function has passed zero before the piece, unnoticed, and is back behind it: two events, told apart by cuts."""
+    watch = run.watches[i]
+    return bool(watch.armed != 0 and sign(run.near_g[i]) == -watch.armed and sign(run.far_g[i]) == watch.armed)
+
+
+@shared
 def stays_within(run: Run, i: int, size: float, w: float) -> bool:
     """Whether a function is no larger than a size on a piece: by its enclosure, or by values at the ends and slopes.
 
