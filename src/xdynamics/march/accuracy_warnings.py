@@ -14,6 +14,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.assembly.broad_phase import NEEDED, NEEDED_AT, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF
 from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.events.departures import STRAYS
 from xdynamics.march.runner import March
 from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled_errors import LOSS, effect_of, passed_over
@@ -77,12 +78,16 @@ def _of_tolerances(march: March) -> Iterator[str]:
     )
 
 
+def passing(march: March, how: int) -> list[str]:
+    """Name the resets that ever failed to turn the motion back, in the way of a bit of `events.departures`."""
+    departures = march.run.departures
+    passed = zip(march.layout.watched, departures["passes"].tolist(), strict=True) if departures.size else ()
+    return [f"'{detector.name}'" for detector, passes in passed if passes & how]
+
+
 def _of_resets(march: March) -> Iterator[str]:
     """Name the resets that turned a motion back which errors of steps had carried through zero: it may never return."""
-    departures = march.run.departures
-    strayed = zip(march.layout.watched, departures["strays"].tolist(), strict=True) if departures.size else ()
-    names = [f"'{detector.name}'" for detector, strays in strayed if strays]
-    if names:
+    if names := passing(march, STRAYS):
         yield (
             f"event {' and '.join(names)} set the motion back when errors of steps had carried it through zero by more than"
             " time tolerances allow, and it need not come back from there; give a smaller rtol or step, a method of higher"

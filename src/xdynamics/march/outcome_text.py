@@ -10,11 +10,12 @@ import numpy as np
 from xdynamics.expressions import CALLED_ALONE, Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import spoken
-from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
+from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches, passing
 from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.chattering import NOWHERE, PASSAGES
 from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined, violation
 from xdynamics.march.equation_solvers import solver_of
+from xdynamics.march.events.departures import GOES_ON
 from xdynamics.march.outcomes import (
     COMPLETED,
     CONSTRAINT_VIOLATED,
@@ -243,9 +244,7 @@ def _passed_over(march: March) -> str:
 
 def _going_on(march: March) -> str:
     """Name the resets that bring a motion to rest at their zero, from where it goes on in their direction."""
-    departures = march.run.departures
-    passing = zip(march.layout.watched, departures["goes_on"].tolist(), strict=True) if departures.size else ()
-    names = [f"'{detector.name}'" for detector, goes_on in passing if goes_on]
+    names = passing(march, GOES_ON)
     if not names:
         return ""
     return (

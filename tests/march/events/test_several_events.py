@@ -245,6 +245,8 @@ def test_a_ball_that_errors_carry_through_the_floor_is_told(method: str) -> None
         initial={"y": "1 m", "v_y": "0 m s-1"},
         events={"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-0.5*v_y"}}},
     )
-    with pytest.warns(xd.AccuracyWarning, match="'floor' set the motion back when errors of steps had carried it through"):
+    with pytest.warns(
+        xd.AccuracyWarning, match="'floor' set the motion back when errors of steps had carried it through"
+    ):
         run = xd.simulate(ball, method=method, until="3 s", rtol=2.5e-4)
     assert float(run["y"][-1]) < -1.0
