@@ -81,7 +81,7 @@ def _of_tolerances(march: March) -> Iterator[str]:
 def passing(march: March, how: int) -> list[str]:
     """Name the resets that ever failed to turn the motion back, in the way of a bit of `events.departures`."""
     departures = march.run.departures
-    passed = zip(march.layout.watched, departures["passes"].tolist(), strict=True) if departures.size else ()
+    passed = zip(march.layout.watched, departures["goes_on"].tolist(), strict=True) if departures.size else ()
     return [f"'{detector.name}'" for detector, passes in passed if passes & how]
 
 

@@ -81,12 +81,12 @@ WATCH = row_of(
 # Where the motion takes an event function from an instant at which it is zero, in runs whose events are judged there:
 # `rate` is that before the event, `side` the one that it goes to, 0 where it stays zero; `leaves` is one of
 # `events.departures.STANDING` and so on; `at_start` whether it was zero there; `from_rest` whether its rate is zero, too,
-# `passes` how it ever failed to turn a motion back, in bits of `events.departures`; `met` whether it has happened, and has
+# `goes_on` how it ever failed to turn a motion back, in bits of `events.departures`; `met` whether it has happened, and has
 # yet to act.
 # `last` is when it acted last, `pause` and `earlier` the last two times between, `longest` the longest of `short` pauses
 # in a row that are near the time tolerance. Of actions that crowd together, `limit` is when they would end, uncertain by
 # `doubt`.
-DEPARTURE = row_of("rate last pause earlier longest limit doubt", "side leaves met short at_start from_rest passes")
+DEPARTURE = row_of("rate last pause earlier longest limit doubt", "side leaves met short at_start from_rest goes_on")
 # The instant at which the march stands: whether events have yet to act there, how many states were met, whether any was
 # reset, and whether the last events changed the state or forces.
 AT_INSTANT = row_of("", "meets states resets changed")

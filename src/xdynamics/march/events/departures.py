@@ -57,7 +57,7 @@ def begin_departures(run: Run) -> None:
         departure, watch = run.departures[i], run.watches[i]
         departure.rate, departure.side, departure.leaves, departure.met, departure.at_start = 0.0, 0, 0, 0, 0
         departure.last, departure.pause, departure.earlier, departure.longest, departure.short = -inf, inf, inf, inf, 0
-        departure.limit, departure.doubt, departure.passes = -inf, 0.0, 0
+        departure.limit, departure.doubt, departure.goes_on = -inf, 0.0, 0
         watch.hit = NONE
     find_sides(run)
     number = 0
@@ -136,14 +136,14 @@ def take_departure(run: Run, i: int) -> None:
     if not may_be_zero(run, i, run.g[i]) or abs(run.g[i]) > max(murk(run, i, run.z), within):
         watch.armed, departure.leaves = sign(run.g[i]), STANDING
         strayed = own and watch.flaw == SMOOTH and run.detectors[i].action == _RESET and watch.armed == direction
-        departure.passes |= int(strayed and rate * direction < 0.0) * STRAYS
+        departure.goes_on |= int(strayed and rate * direction < 0.0) * STRAYS
     else:
         goes_on = watch.armed == side and before == side
         watch.armed, departure.leaves = side, LEAVING if side != 0 else (ACTED if own else STANDING)
         if side != 0 and side == direction and not own and not goes_on:
             departure.met, run.instant[0].meets = 1, 1
         passes = own and side != 0 and side == direction and run.detectors[i].action == _RESET
-        departure.passes |= int(passes and departure.from_rest > 0) * GOES_ON
+        departure.goes_on |= int(passes and departure.from_rest > 0) * GOES_ON
     watch.ever = max(watch.ever, abs(watch.armed))
     departure.rate = rate
 

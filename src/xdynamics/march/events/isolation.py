@@ -215,6 +215,8 @@ def decide_side(run: Run, i: int, start: float, end: float) -> None:
     """
     watch, before, after = run.watches[i], sign(run.near_g[i]), sign(run.far_g[i])
     leaving, waiting = is_leaving(run, i), watch.armed == 0
+    if leaving and before == after == -watch.armed and abs(run.far_g[i]) <= abs(run.near_g[i]):
+        return  # from beyond zero, where the event was met, it is on its way back
     if before == -watch.armed and watch.zone < 0.0 and start == 0.0 and not leaving:
         watch.broken = BREAKS  # at the very start, after a node where a drive jumps
     came = after if watch.state == MONOTONE else (before if before != 0 else after)
