@@ -19,7 +19,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Fit, march the fitted model, compare it with the record, and budget one time by its correlated parameters."""
     model = xd.Model.from_toml(ROOT / study["model"])
     fit = xd.fit(model, HERE / study["record"], study["parameters"])
-    fitted = xd.Model.from_text(str(fit.model_toml.values))
+    fitted = xd.Model.from_text(fit.model_toml.values.item())
     run = xd.simulate(fitted, sizes=study["sizes"], compute=False)
     comparison = xd.compare(run, HERE / study["record"], compute=False)
     period = xd.error_budget(fitted, **study["number"], compute=False)

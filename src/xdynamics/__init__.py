@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.runtime.import_hooks import when_imported
 from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
@@ -211,6 +212,9 @@ _entered = entrance(
         "record.pint_records.taking": _OF_RECORDS,
     },
 )
+
+when_imported("xarray", "xdynamics.interchange.registration", "register")
+when_imported("pint_xarray", "xdynamics.record.pint_records", "teach")
 
 
 def __getattr__(name: str) -> Any:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from xdynamics.units import SECONDS, Unit
 
-# "1" until 0.2, "2" until closed links of few were rows; archives of another one are compared by the variables and
-# settings that they have
-SCHEMA_VERSION = "3"
-CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
+# archives of another one are compared by the variables and settings that they have
+SCHEMA_VERSION = "2"
+# the words of a record: of `xdynamics-1`, pointers are places among its rows, and texts have no dimension; see `record.schemas`
+CONVENTION = "xdynamics-2"
+CONVENTIONS = f"CF-1.11 ACDD-1.3 {CONVENTION}"
+FORMER, FORMER_SCHEMAS = "xdynamics-1", 3  # and the latest of the schemas that had those words
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
 HELD = "held"  # the role of what controllers hold between ticks
 OF_MOTION = ("coordinate", "velocity", "state", HELD)  # roles of what a march goes on from
+DOCUMENT = "document"  # of size 1: texts along it are dragged along by no number
 CLOSED_LINKS = "closed"  # links of contacts of many bodies that are closed at an accepted state
 # of evidence: wanted times, levels of a refinement, which of the events of one name, periods, cases of a ledger, directions of growth
 AT, LEVEL, OCCURRENCE, CYCLE, CASE, EXPONENT = "at", "level", "occurrence", "cycle", "case", "exponent"
@@ -24,7 +27,15 @@ LYAPUNOVS, LYAPUNOV_UNCERTAINTY = "lyapunov_exponents", "lyapunov_uncertainty"
 LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH = "lyapunov_exponent", "lyapunov_time", "finite_time_growth"
 CONTINUITY = "continuity"  # role, and first word: whether steps, recomputed, lead to the rows that follow
 CONTINUITY_STEPS, CONTINUITY_TIME, CONTINUITY_VERDICT = "continuity_steps", "continuity_time", "continuity_verdict"
-AT_TIME = "at_time"
+DESCRIBED = "step_size"  # the variable that names scalar coordinates
+TEXT_NAMES = ("model_toml", "force_source")
+AT_TIME, EVENT_TIME, TRIAL_TIME, SAMPLE_TIME, CLOSED_TIME = (
+    "at_time",
+    "event_time",
+    "trial_time",
+    "sample_time",
+    "closed_time",
+)
 DIMENSIONS = {
     STEPS: "accepted states, the initial one first",
     TRIALS: "rejected trials",
@@ -32,11 +43,20 @@ DIMENSIONS = {
     SAMPLES: "force evaluations of the accepted steps",
     CLOSED_LINKS: "closed links of contacts of many bodies at the accepted states, in order",
     BOUNDS: "left and right end of a bracket",
+    DOCUMENT: "one: the texts of a record",
     "given": "steps of a given grid",
     "memory": "numbers that a march goes on from",
     "smooth_switch": "switches in forces that are declared smooth",
 }
 
+TIME_OF = {
+    STEPS: "time",
+    AT: AT_TIME,
+    EVENTS: EVENT_TIME,
+    TRIALS: TRIAL_TIME,
+    SAMPLES: SAMPLE_TIME,
+    CLOSED_LINKS: CLOSED_TIME,
+}
 ROW_KINDS = ("initial", "step", "node", "event_before", "event_after")
 INITIAL, STEP, NODE, EVENT_BEFORE, EVENT_AFTER = range(5)
 TRIAL_REASONS = (
@@ -45,6 +65,7 @@ TRIAL_REASONS = (
 REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REASON_NEWTON, REASON_EVENT_FUNCTION = (
     range(7)
 )
+EVENT_BOUNDS = "event_time_bounds"  # without attributes: CF's bounds have those of what they bound
 EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch", "pole", "cluster", "rest", "takeoff", "stick", "slip", "reset")  # fmt: skip
 CROSSING, TOUCH, JUMP, IMPACT, REGIME_SWITCH, POLE, CLUSTER, REST, TAKEOFF, STICK, SLIP, RESET_KIND = range(len(EVENT_KINDS))  # fmt: skip
 KINDS_IN_WORDS = (
@@ -74,7 +95,7 @@ COMPRESSION = "archive_compression"  # how an archive is compressed, or a record
 # facts about when and where a run was made: in the archive, out of every digest but the one of their own
 VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version", "engine_origin",
             "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "archive_seal", COMPRESSION,
-            "volatile_digest",
+            "volatile_digest", "variable_digests",
             # by a library's eigenvalues, whose last bits may carry over into the digits that are kept
             "run_slowest_period", "run_slowest_periods")  # fmt: skip
 RUN_SEAL, CIRCUMSTANCE = "run_seal", "circumstance"  # a variable that is one, the digest of a file's bytes; its role
@@ -105,7 +126,9 @@ NUMBERS = (
     "solver_mass_scale", "solver_interpolation_order", "solver_time_tolerance", KEEP_EVERY, *COUNTS,
 )  # fmt: skip
 PAIRS = ("solver_growth_limits",)
-DIGEST, ROOT_DIGEST, VOLATILE_DIGEST = "sha256", "content_digest", "volatile_digest"
+ROOT_DIGEST, VOLATILE_DIGEST = "content_digest", "volatile_digest"
+# of a file: the digest of every variable, `name digest` line by line; until `xdynamics-2` each stood on its variable
+DIGESTS, DIGEST = "variable_digests", "sha256"
 # of a variable in a file whose numbers stand for texts, as which they are read; the attributes that say which
 TEXT_FORM = "text_form"
 FLAG_ATTRIBUTES = ("flag_values", "flag_meanings")
@@ -177,6 +200,8 @@ class Variable:
     @property
     def attributes(self) -> dict[str, Any]:
         """The variable's attributes in a record."""
+        if self.name == EVENT_BOUNDS:
+            return {}
         return {"units": self.units, "long_name": self.long_name, "role": self.role} | dict(self.more)
 
 
@@ -187,20 +212,38 @@ def flags(words: Mapping[int, str], dtype: str = "i1") -> dict[str, Any]:
     return dict(zip(FLAG_ATTRIBUTES, (np.array(list(words), dtype), " ".join(words.values())), strict=True))
 
 
-def coordinates_of(name: str, dims: Sequence[str], names: Container[str]) -> str | None:
+def coordinates_of(
+    name: str, about: Mapping[str, tuple[Sequence[str], Any]], convention: str = CONVENTIONS
+) -> str | None:
     """Return the `coordinates` attribute of a variable in a file: times along its first dimension that has some, and labels.
+
+    One variable along `step` names what describes the whole run besides, so that any reader of CF knows it.
 
     Parameters
     ----------
     name : str
-    dims : sequence of str
-    names : container of str
+    about : mapping of str to (dims, role)
         Of all variables of the file.
+    convention : str
+        By which it is written.
     """
-    times = {STEPS: "time", AT: AT_TIME} | ({ROW: "time"} if ROW_SIZE in names else {})
-    found = [*(times[dim] for dim in dims if dim in times and name != times[dim])][:1]
-    found += [label for label in map(label_of, dims) if label in names and label != name]
+    dims, former = about[name][0], FORMER in convention
+    times = {dim: TIME_OF[dim] for dim in (STEPS, AT)} if former else TIME_OF
+    times = times | ({ROW: "time"} if ROW_SIZE in about else {})
+    known = [times[dim] for dim in dims if dim in times and (former or times[dim] in about)]
+    found = [time for time in known if time != name][:1]
+    found += [label for label in map(label_of, dims) if label in about and label != name]
+    if not former and name == DESCRIBED:
+        found += [STEP_NUMBER.name, *(other for other, (own, role) in about.items() if role == "parameter" and not own)]
+    if not former and name in TEXT_NAMES and DOCUMENT in dims:
+        found += [other for other in TEXT_NAMES if other != name and other in about]
     return " ".join(found) or None
+
+
+def is_coordinate(name: str, role: Any) -> bool:
+    """Whether a variable of a run describes it, and is not among what it yields."""
+    named = (*TIME_OF.values(), STEP_NUMBER.name, GIVEN_STEP.name, END_MEMORY.name, *TEXT_NAMES)
+    return name in named or role in ("parameter", LABEL)
 
 
 def label_of(dim: str) -> str:
@@ -316,27 +359,30 @@ REST_EVENT_TIME = Variable(
     "what a float does not hold of the time of the zero: it is event_time + rest_event_time",
     LEFT_OVER,
 )
+CLOSED_AT = Variable(
+    CLOSED_TIME, (CLOSED_LINKS,), "f8", SECONDS.text, "time of the row in which the link is closed", "contact"
+)
 STEP_NUMBER = Variable(
     "step_number",
     (STEPS,),
     "i8",
     "1",
-    "row of the march that this one is, from 0; the others were left out, see solver_keep_every",
+    "number of the row in the whole march, from 0: what names rows has these numbers",
     "index",
 )
 FIXED_TRIALS = (
     Variable("trial_time", (TRIALS,), "f8", SECONDS.text, "time that the rejected trial started from", "trial"),
-    Variable("trial_step", (TRIALS,), "i8", "1", "row of `step` that the rejected trial started from", "trial"),
+    Variable("trial_step", (TRIALS,), "i8", "1", "step_number of the row that the rejected trial started from", "trial"),
     Variable("trial_step_size", (TRIALS,), "f8", SECONDS.text, "step of the rejected trial", "trial"),
     Variable("trial_error_norm", (TRIALS,), "f8", "1", "scaled local error norm of the rejected trial; nan where there is no estimate", "trial"),
     Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flags(dict(enumerate(TRIAL_REASONS)))),
 )  # fmt: skip
 FIXED_EVENTS = (
-    Variable("event_time", (EVENTS,), "f8", SECONDS.text, "accepted time of the event: the right end of its bracket", "event", {"ancillary_variables": "event_time_uncertainty"}),
-    Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", SECONDS.text, "final bracket of the event time", "event"),
+    Variable("event_time", (EVENTS,), "f8", SECONDS.text, "accepted time of the event: the right end of its bracket, whose ends are its bounds", "event", {"ancillary_variables": "event_time_uncertainty", "bounds": EVENT_BOUNDS}),
+    Variable(EVENT_BOUNDS, (EVENTS, BOUNDS), "f8", SECONDS.text, "final bracket of the event time", "event"),
     Variable("event_time_uncertainty", (EVENTS,), "f8", SECONDS.text, "uncertainty of locating the event: the sum of its parts, at least half a spacing of t; the error of the integration is not in it", "event"),
-    Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
-    Variable("event_row_after", (EVENTS,), "i8", "1", "row of `step` with the state after the event", "event"),
+    Variable("event_row_before", (EVENTS,), "i8", "1", "step_number of the row with the state before the event", "event"),
+    Variable("event_row_after", (EVENTS,), "i8", "1", "step_number of the row with the state after the event", "event"),
     Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS))) | {"kinds": KINDS_IN_WORDS}),
     Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flags(EVENT_DIRECTIONS)),
 )  # fmt: skip
@@ -347,12 +393,12 @@ EVENT_UNCERTAINTIES = (
 )  # fmt: skip
 FIXED_SAMPLES = (
     Variable("sample_time", (SAMPLES,), "f8", SECONDS.text, "time at which the force was evaluated", "sample"),
-    Variable("sample_step", (SAMPLES,), "i8", "1", "row of `step` that the evaluation led to", "sample"),
+    Variable("sample_step", (SAMPLES,), "i8", "1", "step_number of the row that the evaluation led to", "sample"),
     Variable("sample_stage", (SAMPLES,), "i1", "1", "evaluation within the step, from 1; 0 at the start and behind a node of a drive", "sample"),
 )  # fmt: skip
 TEXTS = (
-    Variable("model_toml", (), "U", "1", "the whole model as TOML", "model"),
-    Variable("force_source", (), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
+    Variable("model_toml", (DOCUMENT,), "U", "1", "the whole model as TOML", "model"),
+    Variable("force_source", (DOCUMENT,), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
 )  # fmt: skip
 GIVEN, MEMORY, SMOOTH_SWITCH = "given", "memory", "smooth_switch"
 GIVEN_STEP = Variable(
@@ -380,7 +426,7 @@ ERROR_NORM = Variable("error_norm", (STEPS,), "f8", "1", _ERROR_NORM, "error")
 NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations of the step to this state", "effort")
 _OFF = "largest deviation from 1 of the length of a quaternion after the step, before it is brought back to 1"
 DEVIATION = Variable("attitude_deviation", (STEPS,), "f8", "1", _OFF, "error")
-FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
+FIXED = (*FIXED_STEPS, STEP_NUMBER, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
 TIMES = {
     variable.name
     for variable in (*FIXED, *EVENT_UNCERTAINTIES, GIVEN_STEP, FIRST_PASSED, REST_TIME, REST_EVENT_TIME)

@@ -57,7 +57,12 @@ HARM: dict[str, tuple[Callable[[Any], object], tuple[str, ...]]] = {
     "an attribute of one": (lambda file: file["x"].setncattr("units", "km"), (DIFFER,)),
     "a date": (lambda file: file.setncattr("date_created", "later"), (DATED,)),
     "both": (lambda file: (file.setncattr("date_created", "later"), file.setncattr("title", "other")), (DIFFER, DATED)),
-    "no digest": (lambda file: file["x"].delncattr("sha256"), ("variable 'x' differs from its digest",)),
+    "no digest": (
+        lambda file: file.setncattr(
+            "variable_digests", "\n".join(line for line in file.variable_digests.splitlines() if line[:2] != "x ")
+        ),
+        ("variable 'x' differs from its digest", "the variables are not those that the file states digests of"),
+    ),
     "no root digest": (lambda file: file.delncattr("content_digest"), ("attribute 'content_digest' is missing",)),
     "no digests": (
         lambda file: (

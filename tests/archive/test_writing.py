@@ -68,12 +68,16 @@ def test_a_large_file_is_opened_only(run: xr.Dataset, tmp_path: Path, monkeypatc
 
 
 def test_what_lies_along_the_steps_says_when(run: xr.Dataset, tmp_path: Path) -> None:
-    """Assert that variables of steps name the time as their coordinate, and no other does, saved or streamed."""
+    """Assert that variables along a dimension name its times as their coordinate, and one of them all that describes the run."""
     xd.save(run, tmp_path / "saved.nc")
     xd.simulate(oscillator().model, step=0.1, until=1.0, path=tmp_path / "streamed.nc").close()
+    times = {"step": "time", "event": "event_time", "trial": "trial_time", "sample": "sample_time"}
     along = {
-        str(name): "time" for name, variable in run.variables.items() if "step" in variable.dims and name != "time"
+        str(name): times[str(variable.dims[0])]
+        for name, variable in run.variables.items()
+        if variable.dims[:1] != () and variable.dims[0] in times and name != times[str(variable.dims[0])]
     }
+    along |= {"step_size": "time step_number m k", "model_toml": "force_source", "force_source": "model_toml"}
     for name in ("saved", "streamed"):
         with netCDF4.Dataset(tmp_path / f"{name}.nc") as file:
             found = {

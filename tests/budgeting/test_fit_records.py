@@ -81,7 +81,7 @@ def test_the_zero_of_a_recording_is_found_too() -> None:
     assert found.estimate.values == pytest.approx(right.x, rel=1e-7)
     assert found.standard_uncertainty.values == pytest.approx(deviations, rel=1e-4)
     assert found.correlation.values == pytest.approx(covariance / np.outer(deviations, deviations), abs=1e-4)
-    fitted = xd.Model.from_text(str(found.model_toml.values))
+    fitted = xd.Model.from_text(found.model_toml.values.item())
     assert "offset" not in {*fitted.parameters, *fitted.initial}
     assert float(fitted.parameters["e"].quantity.si) == pytest.approx(0.82, abs=1e-3)
 
@@ -140,7 +140,7 @@ def test_the_zero_of_a_recording_of_positions_is_found(swung: Any) -> None:
     assert float(found.correlation[0, 1]) == pytest.approx(covariance[0, 1] / deviations.prod(), abs=1e-4)
     assert found.residual_x.values == pytest.approx(heard - swing(*right.x, at), abs=1e-8)
     assert (found.parameter_units.values.tolist(), found.attrs["adequate"]) == (["N m-1", "s"], 1)
-    assert "offset" not in xd.Model.from_text(str(found.model_toml.values)).parameters
+    assert "offset" not in xd.Model.from_text(found.model_toml.values.item()).parameters
 
 
 def test_recordings_of_positions_have_zeros_of_their_own(swung: Any) -> None:

@@ -264,7 +264,7 @@ def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
     bench = pd.DataFrame({"time [s]": times, "y [m]": 1.0 - 2.0 * times - 9.81 / 2.0 * times**2 + noise})
     assert model.statement.at_rest == ("v_y",)
     result = xd.fit(model, bench, ["v_y"], method="rk4", step="10 ms", until="0.3 s")
-    fitted = xd.Model.from_text(str(result.model_toml.values))
+    fitted = xd.Model.from_text(result.model_toml.values.item())
     assert fitted.initial["v_y"].value == float(result.estimate[0]) == pytest.approx(-2.0, rel=1e-3)
     spread = fitted.uncertain["v_y"].spread  # of 20 degrees of freedom: that of Student's t is wider than its scale
     assert spread is not None
@@ -337,7 +337,7 @@ def test_the_fitted_model_goes_on_into_a_budget() -> None:
         initial={"x": "3 m", "v_x": "1 m s-1"},
     )
     found = xd.fit(model, frame, ["x", "v_x"], method="rk4", step="0.1 s", until="4 s")
-    fitted = xd.Model.from_text(str(found.model_toml.values))
+    fitted = xd.Model.from_text(found.model_toml.values.item())
     assert fitted.digest == found.attrs["fitted_digest"]
     assert set(fitted.uncertain) == {"x", "v_x"}
     budget = xd.error_budget(fitted, "x", at="2 s", method="rk4", step="0.1 s", until="4 s")
@@ -478,7 +478,7 @@ def test_a_fit_that_residuals_speak_against_is_warned_of_refused_and_kept(tmp_pa
     assert (found.attrs["converged"], found.attrs["adequate"], found.sizes["start"]) == (1, 0, 3)
     assert found.attrs["chi_square_probability"] < 1e-3
     assert (found.start_square.values >= found.attrs["chi_square"] * (1 - 1e-9)).all()
-    fitted = xd.Model.from_text(str(found.model_toml.values))
+    fitted = xd.Model.from_text(found.model_toml.values.item())
     assert fitted.fit is not None
     assert not fitted.fit.adequate
     where: dict[str, Any] = {"at": 1.0} | asked

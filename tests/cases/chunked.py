@@ -60,7 +60,7 @@ def unread(dataset: xr.Dataset) -> xr.Dataset:
         {
             name: (variable.dims, da.from_array(Unread(str(name), variable.values, reads)), variable.attrs)
             for name, variable in dataset.variables.items()
-            if variable.dims and name not in dataset.indexes
+            if variable.dims not in ((), ("document",)) and name not in dataset.indexes
         }
     )
 

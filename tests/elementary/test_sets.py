@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, ResumeWarning
 
 FIRST = "xdynamics 1"
 GOLDEN = ROOT / "data" / "golden" / "0.2" / "tan_and_atan2_dop853.nc"
-SPRING = str(xd.open_run(GOLDEN)["model_toml"].values)
+SPRING = xd.open_run(GOLDEN)["model_toml"].values.item()
 MODEL = xd.Model.from_text(SPRING + '[observables]\nangle = "atan2(y, x)"\nslope = "tan(y/(1*metre))"\n').replace(
     parameters={"l": "0.35 m", "k": "1000 N m-1"}
 )

@@ -250,7 +250,7 @@ def test_amplitudes_are_of_located_turns_and_where_it_bounces_of_states_between(
 def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the first time that errors are beyond a tenth of a range and stay there, and the end where they never are."""
     run = xd.simulate(
-        xd.Model.from_text(str(Swing(np.random.default_rng(7)).run().model_toml.values)),
+        xd.Model.from_text(Swing(np.random.default_rng(7)).run().model_toml.values.item()),
         method="rk4",
         step=0.02,
         until=8.0,
@@ -305,7 +305,7 @@ def test_what_the_command_says_of_levels(tmp_path: Path) -> None:
 def test_periods_of_a_study_are_of_one_level() -> None:
     """Assert that all runs of a refinement count cycles by the level of the finest, though each would choose another."""
     swing = Swing(np.random.default_rng(3))
-    model, steps = xd.Model.from_text(str(swing.run()["model_toml"].values)), [0.02, 0.01, 0.005]
+    model, steps = xd.Model.from_text(swing.run()["model_toml"].values.item()), [0.02, 0.01, 0.005]
     runs = [xd.simulate(model, method="forward_euler", step=h, until=swing.end) for h in steps]
     own = [cycles(run, "x") for run in runs]
     assert len({one.level for one in own}) == len(runs)

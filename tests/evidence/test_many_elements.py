@@ -65,7 +65,7 @@ def chain(n: int) -> xr.Dataset:
 
 def model_of(run: xr.Dataset) -> xd.Model:
     """Read the model of a run."""
-    return xd.Model.from_text(str(run.model_toml.values))
+    return xd.Model.from_text(run.model_toml.values.item())
 
 
 @pytest.mark.parametrize("name", VERBS)

@@ -394,7 +394,7 @@ def test_an_event_that_comes_late_is_off_by_more_than_0() -> None:
 def test_decay_is_below_0_and_growth_above() -> None:
     """Assert that eigenvalues of a damped oscillator are -loss and +-w, of one that is driven by its speed +loss."""
     for loss in (0.05, -0.05):
-        model = xd.Model.from_text(str(swing(loss=abs(loss)).model_toml.values)).replace(
+        model = xd.Model.from_text(swing(loss=abs(loss)).model_toml.values.item()).replace(
             parameters={"c": f"{2 * loss!r} N s m-1"}
         )
         found = xd.modes(model)
@@ -406,7 +406,7 @@ def test_decay_is_below_0_and_growth_above() -> None:
 
 def test_frequencies_are_in_radians() -> None:
     """Assert the frequency sqrt(k/m), the period 2 pi over it, and the stable step 2/w of Verlet's method."""
-    found = xd.modes(xd.Model.from_text(str(swing().model_toml.values)))
+    found = xd.modes(xd.Model.from_text(swing().model_toml.values.item()))
     assert (float(found.frequency[0]), float(found.period[0])) == pytest.approx((2.0, np.pi), rel=1e-12)
     row = found.method_name.attrs["flag_meanings"].split().index("velocity_verlet")
     where = int(np.flatnonzero(found.method_name.values == found.method_name.attrs["flag_values"][row])[0])

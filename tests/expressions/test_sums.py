@@ -80,7 +80,7 @@ def test_a_sum_is_added_from_the_left(n: int, place: str) -> None:
     run = xd.simulate(summed(n, place), method="rk4", step="1e-9 s", until="2e-9 s")
     found = run["total" if place == "observable" else "force_push_x"]
     assert float(found[0]) == expected(n, place)
-    assert xd.Model.from_text(str(run.model_toml.values)) == summed(n, place)
+    assert xd.Model.from_text(run.model_toml.values.item()) == summed(n, place)
 
 
 @pytest.mark.every(3)

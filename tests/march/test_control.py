@@ -32,7 +32,7 @@ def is_sound(run: object) -> bool:
     finite = all(
         np.isfinite(run[name]).all()
         for name, variable in run.data_vars.items()
-        if variable.attrs["role"] in ("coordinate", "velocity", "state")
+        if variable.attrs.get("role") in ("coordinate", "velocity", "state")
     )
     text = run.attrs["run_outcome_text"]
     return finite and (WORDS[run.attrs["run_outcome"]].good or ("t = " in text and "h = " in text))

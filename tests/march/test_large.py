@@ -121,7 +121,7 @@ def test_a_thousand_masses_keep_their_energy(method: str) -> None:
     )  # a DataArray of each would take ten times as long
     energy = run.kinetic_energy.values + (np.diff(u, axis=0) ** 2).sum(axis=0) / 2 + (u[0] ** 2 + u[-1] ** 2) / 2
     assert energy == pytest.approx(1.0, rel=1e-4)
-    assert xd.Model.from_text(str(run.model_toml.values)) == model
+    assert xd.Model.from_text(run.model_toml.values.item()) == model
 
 
 def test_a_diagonal_mass_is_not_looked_at_off_its_diagonal() -> None:
@@ -281,7 +281,7 @@ def test_a_million_elements_by_an_expression_are_reproduced(tmp_path: Path) -> N
     subprocess.run([sys.executable, "-c", WRITE, *texts], check=True, cwd=tmp_path)
     said = subprocess.run([sys.executable, "-c", AGAIN], capture_output=True, text=True, check=True, cwd=tmp_path)
     with xd.open_run(tmp_path / "1.nc") as run:
-        assert len(str(run.model_toml.values)) < 1000
+        assert len(run.model_toml.values.item()) < 1000
         assert float(said.stdout) < run.nbytes / 2**20 + 210.0
 
 

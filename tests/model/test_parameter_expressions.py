@@ -226,7 +226,7 @@ def test_members_are_added_by_the_other_text(pair: tuple[xd.Model, xd.Model], tm
         added.end_u, xd.sweep(pair[1], {"k[2]": [1.0, 7.0, 9.0]}, **asked | {"keep": "end"}).end_u
     )
     own = xd.member(added, **{"k[2]": 7.0})
-    assert str(own.model_toml.values) == pair[0].to_toml()
+    assert own.model_toml.values.item() == pair[0].to_toml()
     with pytest.raises(xd.InputError, match="its model is another"):
         xd.sweep(pair[1].replace(parameters={"d[1]": 0.6}), {"k[2]": [1.0, 7.0]}, path=tmp_path, **asked)
 
@@ -236,12 +236,12 @@ def test_one_element_is_fitted_and_budgeted() -> None:
     run = xd.simulate(MODEL.replace(parameters={"k[2]": 7.5}), **SETTINGS)
     found = xd.fit(MODEL, run[["time", "u"]], ["k[2]"], **SETTINGS)
     assert found.estimate.item() == pytest.approx(7.5, rel=1e-7)
-    fitted = xd.Model.from_text(str(found.model_toml.values))
+    fitted = xd.Model.from_text(found.model_toml.values.item())
     assert fitted.parameters["k·2"].quantity.value == found.estimate.item()
     assert "[" in lines(fitted, "k").partition('"value"')[2]
     assert [lines(fitted, name) for name in "cd"] == [lines(MODEL, name) for name in "cd"]
     budget = xd.error_budget(MODEL, "u[2]", at="0.1 s", **SETTINGS)
-    assert str(budget.model_toml.values) == MODEL.to_toml()
+    assert budget.model_toml.values.item() == MODEL.to_toml()
 
 
 def test_values_by_label_in_two_dimensions() -> None:

@@ -91,5 +91,5 @@ def test_switches_leave_what_a_model_says_as_it_is() -> None:
         initial={"w": "1 m"},
     )
     run = xd.simulate(model, method="dormand_prince", rtol=1e-6, until="1 s")
-    assert str(run["model_toml"].values) == model.to_toml()
+    assert run["model_toml"].values.item() == model.to_toml()
     assert "_side" not in model.to_toml()

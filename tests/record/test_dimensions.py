@@ -215,7 +215,8 @@ def test_a_part_of_a_run_is_a_selection(tmp_path):
 def test_messages_name_elements_as_people_do():
     """Assert that a message has brackets, and a list of columns the quantities."""
     with pytest.raises(
-        xd.InputError, match=r"log names 'rr'.*there are time, step_size, row_kind, regime, r, v_r,.* and \d+ more$"
+        xd.InputError,
+        match=r"log names 'rr'.*there are time, step_size, row_kind, step_number, regime, r, v_r,.* and \d+ more$",
     ):
         xd.simulate(model(), log=["rr"])
     with pytest.raises(xd.InputError, match=r"r\[Sun, x\]"):

@@ -68,7 +68,8 @@ def test_names_of_the_contract_are_there() -> None:
             "sample_force_drag_y",
             "sample_thrust",
         ],
-        (): ["airframe", "g", "impulse", "model_toml", "force_source"],
+        (): ["airframe", "g", "impulse"],
+        ("document",): ["model_toml", "force_source"],
     }
     for dims, names in expected.items():
         for name in names:
@@ -79,8 +80,14 @@ def test_every_variable_says_what_it_is() -> None:
     """Assert units, long_name and role everywhere, and no coordinate variable on any dimension."""
     run = rocket()
     for name, variable in run.variables.items():
-        assert {"units", "long_name", "role"} <= set(variable.attrs), name
-    assert list(run.coords) == ["time"]
+        assert name == "event_time_bounds" or {"units", "long_name", "role"} <= set(variable.attrs), name
+    assert run.event_time_bounds.attrs == {}
+    texts, times = {"model_toml", "force_source"}, {"time", "event_time", "trial_time", "sample_time", "step_number"}
+    assert {*run.coords} == texts | times | {
+        name for name in run.variables if run[name].attrs.get("role") == "parameter"
+    }
+    assert {run[name].dims for name in texts} == {("document",)}
+    assert run.sizes["document"] == 1
     assert not run.indexes
     assert set(REQUIRED_ATTRIBUTES) <= set(run.attrs)
 
@@ -192,12 +199,13 @@ def test_a_record_is_what_xarray_would_build(made: Callable[[], xr.Dataset]) -> 
     parts = {
         name: xr.Variable(variable.dims, variable.values, variable.attrs) for name, variable in run.variables.items()
     }
-    built = xr.Dataset(parts, attrs=run.attrs).set_coords("time")
+    built = xr.Dataset(parts, attrs=run.attrs).set_coords([*run.coords])
     assert built.identical(run)
     assert (built.sizes, set(built.coords), dict(built.indexes)) == (run.sizes, set(run.coords), dict(run.indexes))
     assert built.isel(step=slice(2)).identical(run.isel(step=slice(2)))
     assert run.encoding == {} == run.time.encoding
-    assert all(type(variable.dims) is tuple and variable.encoding == {} for variable in run.variables.values())
+    assert all(type(variable.dims) is tuple for variable in run.variables.values())
+    assert {name for name, variable in run.variables.items() if variable.encoding} == {"event_time_bounds"}
     assert run.copy(deep=True).identical(run)
 
 

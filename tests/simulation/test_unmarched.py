@@ -24,7 +24,7 @@ def test_a_run_on_a_grid_is_described_and_has_the_bits_of_the_marched_one(until:
     with no_march():
         run = xd.simulate(OSCILLATOR, compute=False, **asked)
     eager = xd.simulate(OSCILLATOR, **asked)
-    along = {name for name, variable in eager.variables.items() if {*variable.dims} <= {"step"}}
+    along = {name for name, variable in eager.variables.items() if {*variable.dims} <= {"step", "document"}}
     assert {*run.variables} == along | OUTCOME
     assert {
         name: value for name, value in run.attrs.items() if name.startswith("solver_")

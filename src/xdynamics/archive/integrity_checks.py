@@ -12,11 +12,11 @@ from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.place import Place
-from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
+from xdynamics.archive.seals import Tail, digests_in, letters_of, root_digest, stored_digest, volatile_digest
 from xdynamics.archive.text_encoding import bytes_of, form_of
 from xdynamics.faults import ArchiveError, numbered
 from xdynamics.record.variable_attributes import own_attributes
-from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
+from xdynamics.schema import DIGEST, DIGESTS, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
 
 AT_ONCE = (
     1_000_000  # bytes of a file that is compared while no other thread is in the library: some hundredths of a second
@@ -115,10 +115,21 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
     missing = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in attributes]
     digests: dict[str, str] = {}
     own: dict[str, dict[str, Any]] = {}
+    dims: dict[str, tuple[str, ...]] = {}
     differing = [
         f"variable '{name}' {fault}"
         for name in file.variables
-        if (fault := _fault_of(name, file.variables, digests, own))
+        if (fault := _fault_of(name, file.variables, digests, own, dims, digests_in(attributes)))
+    ]
+    stated = digests_in(attributes)
+    if DIGESTS in attributes and {*stated} != {*file.variables}:
+        differing.append("the variables are not those that the file states digests of")
+    about = {name: (along, own[name].get("role")) for name, along in dims.items()}
+    named = {name: coordinates_of(name, about, str(attributes.get("Conventions", ""))) for name in about}
+    differing += [
+        f"variable '{name}' is not stored as it was written"
+        for name, coordinates in named.items()
+        if attributes_of(file.variables[name]).get("coordinates", coordinates) != coordinates
     ]
     faults += missing + differing
     if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
@@ -128,8 +139,15 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
     return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
 
 
-def _fault_of(name: str, variables: Mapping[str, Any], digests: dict[str, str], own: dict[str, dict[str, Any]]) -> str:
-    """Compare one of a file's variables with its digest, and note its digest and attributes; return its fault."""
+def _fault_of(
+    name: str,
+    variables: Mapping[str, Any],
+    digests: dict[str, str],
+    own: dict[str, dict[str, Any]],
+    along: dict[str, tuple[str, ...]],
+    stated: Mapping[str, str],
+) -> str:
+    """Compare one of a file's variables with its digest, and note its digest, attributes and dims; return its fault."""
     variable = variables[name]
     try:
         digests[name] = stored_digest(variable)
@@ -144,14 +162,11 @@ def _fault_of(name: str, variables: Mapping[str, Any], digests: dict[str, str], 
     except UnicodeDecodeError as error:
         return f"is no text in UTF-8: {error.reason} at {error.start}"
     own[name] = own_attributes(attributes)
-    if attributes.get(DIGEST) != digests[name]:
+    if stated.get(name, attributes.get(DIGEST)) != digests[name]:
         return "differs from its digest"
     further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
-    own_dims = dims[:-1] if further else dims
-    as_written = {"coordinates": coordinates_of(name, own_dims, variables)} | (
-        {"_Encoding": "utf-8"} if is_text else {}
-    )
-    added = any(attributes.get(key, value) != value for key, value in as_written.items())
+    own_dims = along[name] = dims[:-1] if further else dims
+    added = is_text and attributes.get("_Encoding", "utf-8") != "utf-8"
     if added or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
         return "is not stored as it was written"
     return ""

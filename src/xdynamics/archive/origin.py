@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.seals import Seal, root_digest, stored_slabs
+from xdynamics.archive.seals import Seal, digests_in, root_digest, stored_slabs
 from xdynamics.record import own_attributes
 from xdynamics.record.folding import labelled, unlabelled
+from xdynamics.record.schemas import modern
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import DIGEST, FLAG_ATTRIBUTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
+from xdynamics.schema import DIGEST, DIGESTS, FLAG_ATTRIBUTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -184,9 +185,10 @@ def _of_arrays(
 
 def read(run: xr.Dataset, source: Source) -> xr.Dataset:
     """Remove the digests from the variables of an opened archive, lest arithmetic keep them, and remember them."""
-    parts = {}
+    parts, stated = {}, digests_in(run.attrs)
+    run.attrs.pop(DIGESTS, None)
     for name, variable in run.variables.items():
-        digest = str(variable.attrs.pop(DIGEST, ""))
+        digest = stated.get(str(name), str(variable.attrs.pop(DIGEST, "")))
         if FLAG_ATTRIBUTES[0] in variable.attrs:  # the library returns a single number without its dimension
             variable.attrs[FLAG_ATTRIBUTES[0]] = np.atleast_1d(variable.attrs[FLAG_ATTRIBUTES[0]])
         parts[str(name)] = OriginalVariable(
@@ -198,7 +200,7 @@ def read(run: xr.Dataset, source: Source) -> xr.Dataset:
             held=variable._data,  # noqa: SLF001
         )
     run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, source)
-    return labelled(run)
+    return labelled(modern(run))
 
 
 def digest_of(name: str, variable: Any) -> str:

@@ -27,7 +27,7 @@ from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import ROOT_DIGEST, SCHEMA_VERSION, SEALED
+from xdynamics.schema import FORMER, FORMER_SCHEMAS, ROOT_DIGEST, SCHEMA_VERSION, SEALED
 
 if TYPE_CHECKING:
     import netCDF4
@@ -124,7 +124,8 @@ def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
     if isinstance(chunks, Mapping) and (unknown := [dim for dim in chunks if dim not in run.dims]):
         raise InputError(f"chunks name {unknown[0]!r}; there are {', '.join(map(str, run.dims))}")
     wanted: Any = _stored_chunks(run) if chunks == {} else chunks
-    return run.chunk(wanted, inline_array=True)
+    texts = [name for name, variable in run.variables.items() if variable.dtype.kind in "OU"]
+    return run.drop_vars(texts).chunk(wanted, inline_array=True).assign_coords({name: run[name] for name in texts})
 
 
 def _stored_chunks(run: xr.Dataset) -> dict[str, int]:
@@ -215,7 +216,8 @@ def check_schema(
     ArchiveError
     """
     schema = str(attributes.get("schema_version", SCHEMA_VERSION))
-    if not (schema.isdecimal() and int(schema) <= int(SCHEMA_VERSION)):
+    known = FORMER_SCHEMAS if FORMER in str(attributes.get("Conventions", "")).split() else int(SCHEMA_VERSION)
+    if not (schema.isdecimal() and int(schema) <= known):
         writer = attributes.get("xdynamics_version", "of unknown version")
         raise ArchiveError(
             f"'{path}' has schema {schema}, written by xdynamics {writer}; this is {xdynamics_version()}, which reads schemas"

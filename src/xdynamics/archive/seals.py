@@ -23,6 +23,7 @@ from xdynamics.schema import (
     BOUNDS,
     CIRCUMSTANCE,
     CLOSED_LINKS,
+    DIGESTS,
     EVENTS,
     ORIGIN,
     ROOT_DIGEST,
@@ -236,9 +237,20 @@ def _about(variable: Any) -> tuple[str, tuple[str, ...], tuple[int, ...], Any]:
     return variable.name, variable.dimensions, variable.shape, variable.dtype
 
 
+def listed(digests: Mapping[str, str]) -> str:
+    """Write the digests of variables as a file keeps them."""
+    return "\n".join(f"{name} {digest}" for name, digest in digests.items())
+
+
+def digests_in(attributes: Mapping[Any, Any]) -> dict[str, str]:
+    """Return the digests of variables that a file states in one place; none of the former schema."""
+    lines = [line.rpartition(" ") for line in str(attributes.get(DIGESTS, "")).splitlines()]
+    return {name: digest for name, _, digest in lines}
+
+
 def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
     """Return the content digest, from variables' digests and attributes; circumstances are left out."""
-    outside = {*VOLATILE, ROOT_DIGEST, ORIGIN}
+    outside = {*VOLATILE, ROOT_DIGEST, ORIGIN, DIGESTS}
     content = {
         "variables": {
             name: [digests[name], plain(own)] for name, own in attributes.items() if not _is_circumstance(name, own)
@@ -252,7 +264,9 @@ def volatile_digest(
     digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]
 ) -> str:
     """Return the digest of the circumstances: date, versions, machine, and variables that depend on them."""
-    content = plain({key: value for key, value in run.items() if key in VOLATILE and key != VOLATILE_DIGEST})
+    content = plain(
+        {key: value for key, value in run.items() if key in VOLATILE and key not in (VOLATILE_DIGEST, DIGESTS)}
+    )
     for name, own in attributes.items():
         if _is_circumstance(name, own):
             content[f"variable {name}"] = [digests[name], plain(own)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.declared_sizes import packed
 from xdynamics.archive.netcdf_library import alone
 from xdynamics.archive.place import Place
-from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
+from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, listed, root_digest, volatile_digest
 from xdynamics.archive.text_encoding import EncodedTexts, numbers_of
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.partial_records import is_evidence
@@ -22,6 +22,8 @@ from xdynamics.schema import (
     COMPRESSION,
     COMPRESSION_WORDS,
     DIGEST,
+    DIGESTS,
+    FORMER,
     ROOT_DIGEST,
     SEAL_WORDS,
     SEALED,
@@ -194,16 +196,19 @@ class Writer:
     def finish(self, attributes: Mapping[str, Any]) -> None:
         """Write every attribute and digest; remember the content digest, and whether the run ended well."""
         self.complete = is_evidence(attributes) or attributes.get("run_outcome") in GOOD
-        kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST)}
+        kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST, DIGESTS)}
         kept[SEALED] = SEAL_WORDS
         kept.pop(COMPRESSION, None)
         if self._packed:
             kept[COMPRESSION] = COMPRESSION_WORDS
-        digests = self.digests()
+        digests, former = self.digests(), FORMER in str(attributes.get("Conventions", ""))
+        about = {name: (seal.dims, self._attributes[name].get("role")) for name, seal in self._seals.items()}
         for name, own in self._attributes.items():
-            coordinates = coordinates_of(name, self._seals[name].dims, self._seals)
+            coordinates = coordinates_of(name, about, str(attributes.get("Conventions", "")))
             kept_as = {"coordinates": coordinates} if coordinates else {}
-            self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
+            self._file.variables[name].setncatts(own | kept_as | ({DIGEST: digests[name]} if former else {}))
+        if not former:
+            kept[DIGESTS] = listed(digests)
         self._file.setncatts(kept)
         self.digest = root_digest(digests, self._attributes, kept)
         self._file.setncattr(ROOT_DIGEST, self.digest)

@@ -27,8 +27,10 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
+from xdynamics.record.folding import unlabelled
 from xdynamics.record.partial_records import is_evidence, left_out_atols, with_article
-from xdynamics.record.unfolding import as_recorded
+from xdynamics.record.schemas import in_words_of_today, is_former
+from xdynamics.record.unfolding import as_recorded, whole_of
 from xdynamics.schema import (
     AT,
     COMPRESSION,
@@ -223,7 +225,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
     if derived is None and EVIDENCE not in run.attrs:
         record.check_elements(run)  # first: its attributes of elements are as many as there were
-    run = as_recorded(run)
+    given, run = run, as_recorded(run)
     if AT in run.dims and STEPS not in run.dims and EVIDENCE not in run.attrs and "solver_interpolation" in run.attrs:
         raise InputError(
             "these are states at times that were asked for, and no run: the run itself is archived by"
@@ -264,6 +266,8 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         left_out = {**left_out_atols(attributes), **result.left_out_atol}
         attributes |= {SELECTION: before + result.selected, SELECTION_OF: attributes.get(SELECTION_OF, result.of)}
         attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
+        if is_former(run):  # numbers of rows and what names them go with a selection
+            run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
     declared = run.copy(deep=False)
     declared.attrs = attributes
     return declared
@@ -325,7 +329,7 @@ def _tables(run: xr.Dataset) -> list[str]:
     if "model_toml" not in run.variables:
         return []
     try:
-        drives = parsed(str(run["model_toml"].values), recorded=True).get("drives", {})
+        drives = parsed(str(run["model_toml"].values.item()), recorded=True).get("drives", {})
         return [str(drive["csv"]) for drive in drives.values() if "csv" in drive]
     except (ValueError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model

@@ -103,7 +103,7 @@ def fit(
         weighted sum of squares at its end), `start_converged`. Attributes `chi_square_probability`, `runs_probability`
         and `adequate`: 1 where the residuals are no more than noise; otherwise there is a warning, and budgets refuse
         the fitted model unless told otherwise. `model_toml` is the fitted model with the uncertainties and correlations
-        of its parameters; pass ``Model.from_text(str(found.model_toml.values))`` on to `error_budget`; it is along `record`
+        of its parameters; pass ``Model.from_text(found.model_toml.values.item())`` on to `error_budget`; it is along `record`
         where records have numbers or models of their own. Robust losses mark an `outlier_…`.
 
     Raises

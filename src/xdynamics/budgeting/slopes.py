@@ -28,6 +28,7 @@ from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import variables
 from xdynamics.record.flag_words import words_of
+from xdynamics.record.schemas import rows_named
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -144,7 +145,7 @@ def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
     if not run.sizes.get("event", 0):
         return
     detectors, kinds = (words_of(run[name]) for name in ("event_detector", "event_kind"))
-    rows = [run[name].values.tolist() for name in ("event_row_before", "event_row_after")]
+    rows = [rows_named(run, name).tolist() for name in ("event_row_before", "event_row_after")]
     groups: dict[tuple[int, int], list[str]] = {}
     for before, after, name, kind in zip(*rows, detectors, kinds, strict=True):
         groups.setdefault((before, after), []).append(name)

@@ -255,8 +255,8 @@ def fit(
 def _fitted_files(path: str, result: Any) -> dict[str, str]:
     """Return the texts of fitted models by their files: one, or one for each record that has numbers of its own."""
     texts = result["model_toml"].values
-    if not texts.ndim:
-        return {path: str(texts)}
+    if "record_name" not in result.variables:
+        return {path: texts.item()}
     stem, ending = path.removesuffix(".toml"), ".toml" if path.endswith(".toml") else ""
     return {
         f"{stem}_{record}{ending}": str(text) for record, text in zip(result["record_name"].values, texts, strict=True)

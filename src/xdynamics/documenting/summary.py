@@ -26,6 +26,7 @@ from xdynamics.record.partial_records import (
     kind_description,
     rows_apart,
 )
+from xdynamics.record.schemas import places_of
 from xdynamics.schema import (
     CHOSEN,
     CROSSING,
@@ -323,9 +324,10 @@ def _events(run: xr.Dataset) -> Iterator[str]:
 
 
 def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
-    doubt, row = float(run["event_time_uncertainty"][i]), int(run["event_row_before"][i])
+    doubt, row = float(run["event_time_uncertainty"][i]), int(places_of(run, run["event_row_before"].values[i]))
     moving = _moving(run)
-    state = ", ".join(_values(run, moving, _involved(run, moving, i) if len(moving) > MOST_SHOWN else moving, row))
+    involved = _involved(run, moving, i) if len(moving) > MOST_SHOWN else moving
+    state = ", ".join(_values(run, moving, involved, row)) if row >= 0 else "its rows are not in this selection"
     suffix = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return f"event     {name}{suffix} at t = {_event_time(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
 

@@ -39,6 +39,7 @@ from xdynamics.model.switches import STEPPED_OVER, jumping_switches
 from xdynamics.model.tangent_space import tangent_space
 from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of
+from xdynamics.record.schemas import rows_named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 
@@ -269,7 +270,7 @@ class RunPath:
     def _instants(self) -> Iterator[tuple[tuple[str, ...], Whole, Whole]]:
         """Yield the names of simultaneous events, and the rows before and after all instants with the same names."""
         run = self.run
-        rows = [np.asarray(run[name]).tolist() for name in ("event_row_before", "event_row_after")]
+        rows = [rows_named(run, name).tolist() for name in ("event_row_before", "event_row_after")]
         names_at: dict[tuple[int, int], list[str]] = {}
         for before, after, name in zip(*rows, words_of(run["event_detector"]), strict=True):
             names_at.setdefault((before, after), []).append(name)

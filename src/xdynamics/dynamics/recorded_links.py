@@ -19,6 +19,7 @@ from xdynamics.march.dense_output import ListedLinks
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.record.closed_link_columns import FRICTION_STATE, link_names
+from xdynamics.record.schemas import places_among
 from xdynamics.schema import at_closed
 
 if TYPE_CHECKING:
@@ -26,8 +27,7 @@ if TYPE_CHECKING:
 
 Whole = NDArray[np.int64]
 STEP, CONTACT = at_closed("step"), at_closed("contact")
-AFTER = "event_row_after"
-OF_ROWS = ("time", "row_kind", "event_time", AFTER)
+NUMBER = schema.STEP_NUMBER.name
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class RowLinks:
 def links_read(run: xr.Dataset, model: Model) -> dict[str, Any]:
     """Return what closed links are found from, as it is stored; nothing where the record does not list them."""
     names = link_names(model)
-    wanted = [*names, *OF_ROWS]
+    wanted = [*names, NUMBER]
     if not names or not all(name in run.variables for name in wanted):
         return {}
     return {name: run.variables[name].data for name in wanted}
@@ -69,8 +69,7 @@ def row_links(model: Model, read: Mapping[str, Any]) -> RowLinks | None:
         If they are not in the order of rows, or one is no link of the model: compiled code reads them as they are.
     """
     known = {name: np.asarray(column) for name, column in read.items()}
-    cut = rows_cut(*(known[name] for name in OF_ROWS)) if known else None
-    if cut is None:
+    if not known:
         return None
     steps, contacts, listing = known[STEP], known[CONTACT], assemblies(model)
     _refuse(STEP, steps, steps[1:] < steps[:-1], "rows ascend")
@@ -88,7 +87,9 @@ def row_links(model: Model, read: Mapping[str, Any]) -> RowLinks | None:
     _refuse(STEP, steps, (steps[1:] == steps[:-1]) & (numbers[1:] <= numbers[:-1]), "links of a row ascend, each once")
     does, states = known.get(at_closed(FRICTION_STATE), np.zeros(steps.size, np.int64)), len(schema.LINK_STATES)
     _refuse(at_closed(FRICTION_STATE), does, ~np.isin(does, range(states)), _numbers_below(states))
-    return RowLinks(steps.astype(np.int64) - cut, np.stack([numbers, does]).astype(np.int64))
+    rows = places_among(known[NUMBER], steps)
+    kept = rows >= 0
+    return RowLinks(rows[kept], np.stack([numbers[kept], does[kept]]).astype(np.int64))
 
 
 def _numbers_below(count: int) -> str:
@@ -108,39 +109,13 @@ def _refuse(name: str, values: Any, wrong: Any, needed: str) -> None:
     )
 
 
-def rows_cut(time: Any, kinds: Any, event_time: Any, after: Any) -> int | None:
-    """Return how many rows a record lacks that its march had before those it has; None where events do not tell.
-
-    The rows of a record are numbered anew where it is cut, those that events and closed links name are not.
-    """
-    own, known = np.flatnonzero(kinds == schema.EVENT_AFTER), after >= 0
-    if not own.size or not known.any():
-        return None if own.size or known.any() else 0
-    after, event_time = after[known], event_time[known]
-    cuts = np.unique(after[event_time == time[own[0]]] - own[0])  # several events may be at one time
-    return next((cut for cut in (0, *cuts.tolist()) if _fits(after - cut, event_time, time, kinds)), None)
-
-
-def _fits(after: Any, event_time: Any, time: Any, kinds: Any) -> bool:
-    """Whether rows after events are there at the times of these; of a record that was cut some are not."""
-    there = (after >= 0) & (after < time.size)
-    rows = after[there]
-    return bool(there.any() and (kinds[rows] == schema.EVENT_AFTER).all() and (time[rows] == event_time[there]).all())
-
-
-def renumbered(run: xr.Dataset, rows: Whole) -> dict[str, Any]:
-    """Return the closed links, and the rows of events, of a record of which some rows were taken, ascending."""
-    import xarray as xr
-
-    if STEP not in run.variables or AFTER not in run.variables:
+def links_of(run: xr.Dataset, numbers: Whole) -> dict[str, Any]:
+    """Return the closed links of a record's rows of given numbers, read."""
+    if STEP not in run.variables:
         return {}
-    steps, after = (np.asarray(run.variables[name]) for name in (STEP, AFTER))
-    own = np.flatnonzero(np.isin(steps, rows))
-    found = {
+    own = np.flatnonzero(np.isin(np.asarray(run.variables[STEP].values), numbers))
+    return {
         str(name): variable.isel({schema.CLOSED_LINKS: own}).load()
         for name, variable in run.variables.items()
         if schema.CLOSED_LINKS in variable.dims
     }
-    places = np.where(np.isin(after, rows), np.searchsorted(rows, after), -1)
-    found[STEP] = xr.Variable(found[STEP].dims, np.searchsorted(rows, steps[own]), found[STEP].attrs)
-    return found | {AFTER: xr.Variable(run.variables[AFTER].dims, places, run.variables[AFTER].attrs)}

@@ -27,6 +27,7 @@ from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.named_elements import column_in_si, event_words
+from xdynamics.record.schemas import rows_named
 from xdynamics.shapes.naming import parted
 from xdynamics.units import unit_suffix
 
@@ -40,7 +41,14 @@ EVENTS, CONTACTS = "events_met", "contacts_admissible"
 ZERO = 1e-9  # of the largest value of an event function: as good as zero
 CROWDED = 100.0  # time tolerances between two occurrences of an acting event, below which they are not apart
 SLACK = 1e-7  # of the largest force or gap of a contact: more than what its events are located within
-COLUMNS = ("time", "regime", "row_kind", "closed_force", "closed_step")  # besides events, states and contacts
+COLUMNS = (
+    "time",
+    schema.STEP_NUMBER.name,
+    "regime",
+    "row_kind",
+    "closed_force",
+    "closed_step",
+)  # besides events, states and contacts
 _DIRECTIONS = {"rising": 1.0, "falling": -1.0}
 Look = Callable[["xr.Dataset", Model], Iterator[str]]
 
@@ -79,7 +87,7 @@ def audited_columns(run: xr.Dataset, model: Model) -> xr.Dataset:
         [
             name
             for name in run.variables
-            if name in named or run[name].dims[:1] == (schema.EVENTS,) or not run[name].dims
+            if name in named or run[name].dims[:1] in ((), (schema.EVENTS,), (schema.DOCUMENT,))
         ]
     ]
 
@@ -199,7 +207,7 @@ def _broken_contacts(run: xr.Dataset, model: Model) -> Iterator[str]:
             if excess.size and excess[worst] > 0.0:
                 yield f"contact '{reaction.owner}' {what} at t = {times[worst]:.15g}{second}"
     if "closed_force" in run.variables and run["closed_force"].size and not _steps_over_impacts(run):
-        forces, rows = (np.asarray(run[name].values) for name in ("closed_force", "closed_step"))
+        forces, rows = np.asarray(run["closed_force"].values), rows_named(run, "closed_step")
         tolerance = CROWDED * float(run.attrs.get("solver_time_tolerance", 0.0))
         lasting = np.append(np.diff(times), 0.0)[rows] > tolerance  # what is released at once was about to be
         pulls = np.where(lasting, -forces, 0.0)

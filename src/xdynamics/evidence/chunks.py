@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_links import renumbered
+from xdynamics.dynamics.recorded_links import links_of
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.remembered_results import most_megabytes
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
@@ -17,7 +17,7 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.record.run_columns import state_name
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import STEPS
+from xdynamics.schema import STEP_NUMBER, STEPS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,7 +47,7 @@ class Chunks(StoredColumns):
         words = {state_name(reaction) for reaction in reactions(model)} | {
             reaction.name for reaction in reactions(model)
         }
-        needed = {"time", "step_size", "regime", "row_kind", *words, *model.units}
+        needed = {"time", "step_size", "regime", "row_kind", STEP_NUMBER.name, *words, *model.units}
         kept = [
             str(name)
             for name, variable in run.variables.items()
@@ -98,8 +98,8 @@ class Chunks(StoredColumns):
         kept = {name: self.run.variables[name] for name in self._kept}
         columns = {name: (own.dims, self.at(name, wanted), own.attrs) for name, own in kept.items()}
         others = {name: variable for name, variable in self.run.variables.items() if STEPS not in variable.dims}
-        renewed = renumbered(self.run, wanted)
-        return xr.Dataset(others | renewed | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
+        links = links_of(self.run, columns[STEP_NUMBER.name][1]) if STEP_NUMBER.name in columns else {}
+        return xr.Dataset(others | links | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
 
     def whole(self, run: xr.Dataset) -> xr.Dataset:
         """Return a record of some of the variables in memory; those that are kept are not read again."""

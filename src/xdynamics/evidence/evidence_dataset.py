@@ -10,7 +10,17 @@ import numpy as np
 from xdynamics import archive
 from xdynamics.record.circumstances import circumstances
 from xdynamics.record.folding import fold
-from xdynamics.schema import AT_TIME, CONVENTIONS, EVIDENCE, MODEL_DIMENSIONS, RUNS, SCHEMA_VERSION
+from xdynamics.schema import (
+    AT_TIME,
+    CONVENTIONS,
+    DOCUMENT,
+    EVIDENCE,
+    MODEL_DIMENSIONS,
+    RUNS,
+    SCHEMA_VERSION,
+    SWEEP,
+    TEXT_NAMES,
+)
 from xdynamics.shapes import NO_SHAPES, Shapes
 from xdynamics.shapes.naming import spoken
 from xdynamics.units.digits import known_part
@@ -54,6 +64,10 @@ def exhibit(
     # one time alone belongs to no dimension: a file would not name it as a coordinate of anything
     coordinates = [name for name in (AT_TIME, "time") if name in variables and variables[name][0]]
     own = {name: xr.Variable(*variable) for name, variable in variables.items()}
+    for name in TEXT_NAMES:
+        if name in own and not own[name].dims:
+            own[name] = own[name] if kind == SWEEP else own[name].expand_dims(DOCUMENT)
+            coordinates.append(name)
     dataset = xr.Dataset(_told(own) if shapes.dims else own).set_coords(coordinates)
     header = {
         "Conventions": CONVENTIONS,

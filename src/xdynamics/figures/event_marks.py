@@ -16,7 +16,8 @@ from xdynamics.figures.marks import INK, words
 from xdynamics.figures.placing import EVENT
 from xdynamics.reaction_names import contact_force, friction_force
 from xdynamics.record.flag_words import words_of
-from xdynamics.record.partial_records import is_whole
+from xdynamics.record.partial_records import is_run
+from xdynamics.record.schemas import rows_named
 from xdynamics.schema import at_event
 from xdynamics.shapes import parted
 
@@ -164,7 +165,7 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
 def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: EventHeights, axes: Axes) -> None:
     """Mark few events; at the first of each kind stands its name, together with what happens there at once."""
     labels: dict[tuple[int, float], list[str]] = {}
-    rows, times = run.variables["event_row_before"].values, run.variables["time"].values
+    rows, times = rows_named(run, "event_row_before"), run.variables["time"].values
     for n, kind in enumerate(kinds):
         height = heights.at(kind, kind.events)
         axes.plot(times[rows[kind.events]], height, markersize=4.5, **kind.style)
@@ -178,15 +179,12 @@ def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: EventHeight
 
 
 def _has_rows_of_events(run: xr.Dataset) -> bool:
-    """Whether events and their rows are there: of a selection, the rows that events name are those of the run."""
-    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
+    """Whether events and their rows are there."""
+    if not run.sizes.get("event", 0) or not is_run(run.attrs):
         return False
     if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
         return False
-    rows, times = run.variables["event_row_before"].values, run.variables["time"].values
-    return np.array_equal(
-        times[np.clip(rows, 0, times.size - 1)], run.variables["event_time"].values
-    )  # else rows were left out
+    return bool((rows_named(run, "event_row_before") >= 0).all())
 
 
 class EventHeights:
@@ -198,7 +196,7 @@ class EventHeights:
 
     def at(self, kind: EventKind, events: Rows) -> NDArray[np.float64]:
         """Return the heights of some events."""
-        lines, rows = self._lines_of(kind.detector), self.run["event_row_before"].values
+        lines, rows = self._lines_of(kind.detector), rows_named(self.run, "event_row_before")
         own = [self._own(lines, int(event)) for event in events]
         return np.array([float(self.run[name].values[rows[event]]) for name, event in zip(own, events, strict=True)])
 

@@ -24,6 +24,7 @@ from xdynamics.figures.marks import MOST_BANDS
 from xdynamics.figures.plane import positions, read_by
 from xdynamics.model import Model
 from xdynamics.record.laziness import is_chunked
+from xdynamics.record.schemas import rows_named
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 if TYPE_CHECKING:
@@ -75,10 +76,8 @@ def drawn_of(run: xr.Dataset, wanted: Sequence[str] | None = None) -> xr.Dataset
     columns = _columns(excerpt, STEPS)
     shown = _Shown.of(columns)
     excerpt = _kept(columns, STEPS, along[STEPS], _most(len(along[STEPS]) ** 2), shown.rows_of, shown.functions)
-    numbers = excerpt[STEPS].values
-    rows = {name: np.searchsorted(numbers, excerpt[name].values) for name in EVENT_ROWS if name in excerpt}
     excerpt.encoding[ENERGY_CHANGES] = shown.changes_of_energy
-    return excerpt.assign({name: (excerpt[name].dims, data, excerpt[name].attrs) for name, data in rows.items()})
+    return excerpt
 
 
 def _most(columns: int) -> int:
@@ -194,7 +193,7 @@ class _Shown:
         moments = [moments_of(start, end)]
         if model is not None and model.pictured.section is not None:
             moments.append(strobes(model, start, end))
-        events = [run.variables[name].values for name in EVENT_ROWS if name in run.variables]
+        events = [rows_named(run, name) for name in EVENT_ROWS if name in run.variables]
         rows = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
         shown = cls(run, model, rows, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
         if model is not None and not model.python_functions and {"total_energy", *model.units} <= {*run.variables}:

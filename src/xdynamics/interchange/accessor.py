@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from xdynamics.archive import digest_of_run
 from xdynamics.documenting.summary import summary
@@ -13,21 +12,25 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
+from xdynamics.interchange.registration import register
 from xdynamics.interchange.solution import Solution, solution
 from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
+from xdynamics.record.schemas import rows_of_events
 from xdynamics.schema import BOUNDS, EVENTS, OF_MOTION, STEPS
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from xdynamics.archive.place import Given
     from xdynamics.figures.film import Film
     from xdynamics.figures.picture import Picture
 
 teach()  # whoever imported pint-xarray too
+register()
 show_pages()
 show_time_notes()
 
@@ -35,7 +38,6 @@ ENDS = ("lower", "upper")
 OF_STATES = (*OF_MOTION, "acceleration")
 
 
-@xr.register_dataset_accessor("dynamics")
 class Dynamics:
     """The usual questions to a run record: states between steps, events, tables, pictures.
 
@@ -106,7 +108,7 @@ class Dynamics:
             for variable in ("event_time", *wanted)
         }
         for side in ("before", "after"):
-            places = run[f"event_row_{side}"].values[rows]
+            places = rows_of_events(run, side, rows)
             for variable in map(str, run.data_vars):
                 if run[variable].dims == (STEPS,) and run[variable].attrs.get("role") in OF_STATES:
                     attributes = about(

@@ -15,6 +15,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of
+from xdynamics.record.schemas import rows_of_events
 from xdynamics.schema import AT, EVENTS, STEPS
 
 Floats = NDArray[np.float64]
@@ -113,7 +114,11 @@ def _events(run: xr.Dataset, y: Floats | None, names: list[str]) -> tuple[list[F
     labels = str(run["event_detector"].attrs.get("flag_meanings", "")).split()
     found = np.array(words_of(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
     places = [np.flatnonzero(found == label) for label in labels]
-    after = _rows(run, [f"after_{name}" for name in names]) if y is None else y[:, run["event_row_after"].values]
+    after = (
+        _rows(run, [f"after_{name}" for name in names])
+        if y is None
+        else y[:, rows_of_events(run, "after", np.arange(found.size))]
+    )
     return [run["event_time"].values[place] for place in places], [after[:, place].T for place in places]
 
 

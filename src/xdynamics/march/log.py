@@ -89,7 +89,8 @@ class Log(NamedTuple):
 class LogBlock:
     """A filled part of the log.
 
-    `rows`, `trials`, `events`, `samples` are counts; `numbers` are the march's row numbers, where rows are left out.
+    `rows`, `trials`, `events`, `samples` are counts. Where rows are left out, the log has places among those that are
+    kept, `numbers` are the march's numbers of these, and `begin` is that of the first row which could have been kept.
     """
 
     log: Log
@@ -98,6 +99,19 @@ class LogBlock:
     events: int
     samples: int
     numbers: NDArray[np.int64] | None = None
+    begin: int = 0
+
+    def of_rows(self) -> NDArray[np.int64]:
+        """Return the march's numbers of the block's rows."""
+        first = int(self.log.base[0]["rows"])
+        return np.arange(first, first + self.rows) if self.numbers is None else self.numbers
+
+    def numbered(self, places: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the march's numbers of rows that the log names: of this block, or the last one before it."""
+        places = places.astype(np.int64)
+        if self.numbers is None:
+            return places
+        return np.append(self.begin - 1, self.numbers)[places - (int(self.log.base[0]["rows"]) - 1)]
 
 
 class Room:

@@ -137,7 +137,7 @@ class Thinning:
             joined.closed,
             np.array([joined.closed.shape[1]]),
         )
-        return LogBlock(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
+        return LogBlock(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers, begin)
 
     def rest(self, run: Run) -> LogBlock | None:
         """Return the row that still waits when a march is interrupted after it."""

@@ -26,8 +26,8 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
 from xdynamics.model.delays import is_before
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.lagrangian import POTENTIAL
 from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
+from xdynamics.model.lagrangian import POTENTIAL
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import FAR
 from xdynamics.model.parts import Contact, Friction, Function

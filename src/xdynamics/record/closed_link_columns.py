@@ -16,7 +16,7 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import Assembly, assemblies
 from xdynamics.record.column import About, Column, times
 from xdynamics.record.folded_columns import element_at, place_variable
-from xdynamics.schema import CLOSED_LINKS, LINK_STATES, NOWHERE, Variable, at_closed, flags
+from xdynamics.schema import CLOSED_AT, CLOSED_LINKS, LINK_STATES, NOWHERE, Variable, at_closed, flags
 from xdynamics.shapes import Shapes
 from xdynamics.units import Unit, spell
 
@@ -50,8 +50,17 @@ class ClosedLinks:
         return np.asarray(np.cumsum([0, *(contact.links for contact in self.contacts)]))
 
     def step(self, block: LogBlock) -> Array:
-        """Take the row of each closed link."""
-        return np.asarray(self.rows(block)[0].astype(np.int64))
+        """Take the number of the row of each closed link."""
+        return block.numbered(self.rows(block)[0])
+
+    def time(self, factor: float) -> Taking:
+        """Return what takes the time of each closed link."""
+
+        def take(block: LogBlock) -> Array:
+            places = self.rows(block)[0].astype(np.int64) - int(block.log.base[0]["rows"])
+            return times(block.log.rows[0, places], factor)
+
+        return take
 
     def contact(self, block: LogBlock) -> Array:
         """Take the contact of each closed link."""
@@ -83,7 +92,8 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
     words = flags({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
     contact = replace(_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
     collected = [
-        Column(_variable("step", "i8", "1", "row of `step` in which the link is closed"), links.step),
+        Column(_variable("step", "i8", "1", "step_number of the row in which the link is closed"), links.step),
+        Column(replace(CLOSED_AT, units=about.model.time_unit.text), links.time(about.units.time)),
         Column(contact, links.contact),
     ]
     for name, dim, of, find in places_of(links.contacts, about.model.shapes):

@@ -181,6 +181,11 @@ def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock],
     return lambda block: times(block.log.trials[name][: block.trials], factor).astype(dtype)
 
 
+def named_row(table: str, name: str) -> Callable[[LogBlock], Array]:
+    """Take the numbers of rows in the march that a field of the ``trials`` or ``events`` names."""
+    return lambda block: block.numbered(getattr(block.log, table)[name][: getattr(block, table)])
+
+
 def event_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
     """Take a field of the events."""
     return lambda block: times(block.log.events[name][: block.events], factor).astype(dtype)

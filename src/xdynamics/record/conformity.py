@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.reaction_names import JOINT
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.partial_records import is_run, is_whole
+from xdynamics.record.schemas import in_words_of, places_among
 from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     ATOL_EFFECT,
@@ -19,8 +20,10 @@ from xdynamics.schema import (
     BY_STEP_CONTROL,
     DERIVED,
     DERIVED_FROM,
+    DOCUMENT,
     EVENT_AFTER,
     EVENT_BEFORE,
+    EVENT_BOUNDS,
     EVENTS,
     EVIDENCE,
     FIXED,
@@ -37,6 +40,7 @@ from xdynamics.schema import (
     SAMPLES,
     SELECTION,
     SELECTION_OF,
+    STEP_NUMBER,
     STEPS,
     Variable,
 )
@@ -65,7 +69,6 @@ ALONG_STEPS = (
     "observable",
     "error",
 )
-ROWS = ("event_row_before", "event_row_after")  # variables that name rows of `step`
 STORED = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8")  # what a file keeps
 
 
@@ -81,7 +84,7 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
         Whether a record not marked as a selection or derived data must have all that a run has.
     """
     whole = whole and is_whole(run.attrs)
-    expected = {fixed.name: fixed for fixed in FIXED}
+    expected = {fixed.name: fixed for fixed in in_words_of(FIXED, run)}
     placed, shaped = is_run(run.attrs), {*model_dimensions(run)}
     variable_faults = {
         name: [*_variable(str(name), variable, expected.get(str(name)) if placed else None, shaped, placed=placed)]
@@ -93,8 +96,7 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
     faults += [f"variable {str(name)!r} {fault}" for name, listed in variable_faults.items() for fault in listed]
     # values are checked only of variables without faults
     sound = {str(name): run.variables[name] for name, listed in variable_faults.items() if not listed}
-    rows = run.sizes.get(STEPS, 0)
-    faults += _rows(sound, rows) if whole else ()  # a selection's events name rows of the whole run
+    faults += _rows(sound) if whole else ()  # a selection's events name rows of the whole run
     return [*faults, *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
 
 
@@ -130,7 +132,7 @@ def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
 
 
 def _missing(run: xr.Dataset) -> Iterator[str]:
-    for variable in FIXED:
+    for variable in in_words_of(FIXED, run):
         if variable.name not in run.variables and (variable.dims != (SAMPLES,) or SAMPLES in run.dims):
             yield f"variable '{variable.name}' is missing"
     if "event_detector" not in run.variables:
@@ -148,7 +150,7 @@ def _variable(
     attributes = variable.attrs
     inner = [size for dim, size in zip(variable.dims, variable.shape, strict=True) if dim in shaped]
     own = tuple(dim for dim in variable.dims if dim not in shaped)
-    told = variable.dtype.kind in "UO" and (not variable.dims or attributes.get("role") == LABEL)
+    told = variable.dtype.kind in "UO" and (variable.dims in ((), (DOCUMENT,)) or attributes.get("role") == LABEL)
     if not _is_name(name):
         yield "has a name that no file can keep"
     if expected and tuple(variable.dims) != expected.dims:
@@ -159,7 +161,8 @@ def _variable(
         variable.dtype.kind not in "UO" and variable.dtype.str[1:] not in STORED
     ):
         yield f"has the type {variable.dtype}, needs numbers, or one text without a dimension"
-    yield from (f"has no attribute '{word}'" for word in NEEDED if word not in attributes)
+    needed_words = () if name == EVENT_BOUNDS else NEEDED
+    yield from (f"has no attribute '{word}'" for word in needed_words if word not in attributes)
     texts = (*NEEDED, "flag_meanings")
     yield from (
         f"has the attribute {word} = {_short(attributes[word])}, needs a text"
@@ -209,17 +212,20 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
             yield f"attribute '{name}' is {_short(value)}, needs a text, a number or an array of numbers"
 
 
-def _rows(sound: Mapping[str, xr.Variable], rows: int) -> Iterator[str]:
-    for name in ROWS:
-        named_rows = np.asarray(sound[name].values) if name in sound else np.zeros(0)
-        wrong = np.flatnonzero((named_rows < 0) | (named_rows >= rows))
+def _rows(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
+    if STEP_NUMBER.name not in sound:
+        return
+    own = np.asarray(sound[STEP_NUMBER.name].values)
+    for name in ("event_row_before", "event_row_after"):
+        named_rows = np.asarray(sound[name].values) if name in sound else np.zeros(0, np.int64)
+        wrong = np.flatnonzero(places_among(own, named_rows) < 0)
         if wrong.size:
-            yield f"variable '{name}' names row {named_rows[wrong[0]]} at event {wrong[0]}, and there are {rows}"
+            yield f"variable '{name}' names row {named_rows[wrong[0]]} at event {wrong[0]}, and there are {own.size}"
 
 
 def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[str]:
     for name, variable in sound.items():
-        if variable.attrs["role"] == "flag" and (everywhere or EVENTS in variable.dims):
+        if variable.attrs.get("role") == "flag" and (everywhere or EVENTS in variable.dims):
             values = np.asarray(variable.values)
             wrong = np.flatnonzero(~np.isin(values, np.atleast_1d(variable.attrs["flag_values"])))
             if wrong.size:

@@ -32,7 +32,7 @@ from xdynamics.model.detectors import (
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.parts import Contact, Event, Friction
 from xdynamics.record.assembly_columns import assembly_columns, impact_laws
-from xdynamics.record.column import About, Column, event_of, times
+from xdynamics.record.column import About, Column, event_of, named_row, times
 from xdynamics.record.element_attributes import of_whole
 from xdynamics.schema import EVENTS, Variable
 from xdynamics.shapes.blocks import Block as Quantity
@@ -66,8 +66,8 @@ def event_columns(about: About) -> list[Column]:
         event_of("time", "f8", time),
         bounds,
         uncertainty,
-        event_of("row_before", "i8"),
-        event_of("row_after", "i8"),
+        named_row("events", "row_before"),
+        named_row("events", "row_after"),
         event_of("kind", "i1"),
         event_of("direction", "i1"),
     )

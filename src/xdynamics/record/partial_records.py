@@ -67,9 +67,10 @@ def has_its_rows(run: xr.Dataset) -> bool:
         name not in run or run[name].dims != (dim,) for name, dim in parts.items()
     ):
         return False
-    times, rows = run["time"].values, run["event_row_before"].values
-    inside = times.size > 0 and bool(np.all((rows >= 0) & (rows < times.size)))
-    return inside and np.array_equal(times[rows], run["event_time"].values)
+    from xdynamics.record.schemas import rows_named
+
+    times, rows = run["time"].values, rows_named(run, "event_row_before")
+    return bool((rows >= 0).all()) and times.size > 0 and np.array_equal(times[rows], run["event_time"].values)
 
 
 def rows_apart(attributes: Mapping[Any, Any]) -> int:

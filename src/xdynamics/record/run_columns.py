@@ -20,7 +20,7 @@ from xdynamics.model.assemblies import assemblies
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.record.closed_link_columns import any_rubs, link_names
-from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
+from xdynamics.record.column import About, Column, named_row, row_of, sample_of, trial_of
 from xdynamics.record.constraint_columns import of_constraints
 from xdynamics.record.effort_columns import effort_columns
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole
@@ -49,7 +49,7 @@ from xdynamics.units import Scales, Unit
 
 Array = NDArray[Any]
 
-ALWAYS = ("time", "step_size", "flag")  # roles of columns of every log
+ALWAYS = ("time", "step_size", "flag", "index")  # roles of columns of every log
 OF_STATES = (*schema.OF_MOTION, "error")
 
 
@@ -72,7 +72,7 @@ def _selected(march: March) -> list[Column]:
         model = march.layout.model
         rubbing = link_names(model) if any_rubs(assemblies(model)) else []
         selected = _logged(selected, settings.log, shapes_with_switches(model), rubbing)
-    return selected if march.thinning is None else [*selected, Column(schema.STEP_NUMBER, _numbers)]
+    return selected
 
 
 def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes, links: Sequence[str]) -> list[Column]:
@@ -88,13 +88,15 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes,
         log = check_logged(log, available, shapes)
     roles = (*ALWAYS, *OF_STATES, schema.LEFT_OVER) if log == STATES else ALWAYS
     if not isinstance(log, str):
-        log = (*log, schema.REST_TIME.name, *map(schema.rest, log))  # a number goes with its rest
+        log = (*log, schema.REST_TIME.name, *map(schema.rest, log))  # a number goes with its rest, a link with its time
+        log = (*log, *(schema.CLOSED_TIME for name in log if name.startswith(schema.at_closed(""))))
     return [
         column
         for column in available
         if not is_by_rows(column)
         or column.variable.name in log
         or column.variable.name in links
+        or (column.variable.name == schema.CLOSED_TIME and links)
         or (column.variable.role in roles and column.variable.dims[0] == STEPS)
     ]
 
@@ -142,7 +144,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         for function in march.model.python_functions
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
-    return entries + [(variable, texts[variable.name]) for variable in schema.TEXTS]
+    return entries + [(variable, np.array([texts[variable.name]])) for variable in schema.TEXTS]
 
 
 def factors(layout: Layout, scales: Scales) -> Array:
@@ -158,6 +160,7 @@ def _steps(about: About) -> list[Column]:
     units, layout, model = about.units, about.layout, about.model
     collected = [Column(step, row_of(layout.row.place(step.name), units.time)) for step in schema.FIXED_STEPS[:2]]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
+    collected.append(Column(schema.STEP_NUMBER, LogBlock.of_rows))
     collected.append(_regime(about))
 
     def add(quantity: Quantity, long_name: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
@@ -276,11 +279,6 @@ def _between(model: Model, name: str) -> dict[str, str]:
     return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": text_of(drive.argument)}
 
 
-def _numbers(block: LogBlock) -> Array:
-    """Return the numbers, in the march, of a block's rows."""
-    return np.arange(block.rows) if block.numbers is None else block.numbers
-
-
 def _flag(index: int) -> Callable[[LogBlock], Array]:
     return lambda block: block.log.flags[index, : block.rows]
 
@@ -363,7 +361,7 @@ def _trials(about: About) -> list[Column]:
     time = about.units.time
     takes = (
         trial_of("time", "f8", time),
-        trial_of("step", "i8"),
+        named_row("trials", "step"),
         trial_of("step_size", "f8", time),
         trial_of("error_norm", "f8"),
         trial_of("reason", "i1"),
@@ -376,7 +374,7 @@ def _samples(about: About) -> list[Column]:
     time, step, stage = schema.FIXED_SAMPLES
     collected = [
         Column(time, sample_of(0, units.time)),
-        Column(step, lambda block: block.log.samples[1, : block.samples].astype("i8")),
+        Column(step, lambda block: block.numbered(block.log.samples[1, : block.samples])),
         Column(stage, lambda block: block.log.samples[2, : block.samples].astype("i1")),
     ]
     origins = {"force": "given by", "multiplier": "given by", "reaction": "given by", "drive": "looked up in"}

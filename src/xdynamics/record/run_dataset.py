@@ -26,7 +26,19 @@ from xdynamics.record.logged_elements import sizes_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.record.size import check_growth
 from xdynamics.runtime.files import shown
-from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
+from xdynamics.schema import (
+    BOUNDS,
+    EVENT_BOUNDS,
+    EVENTS,
+    GIVEN_STEP,
+    LABEL,
+    LINK,
+    SAMPLES,
+    STEPS,
+    TRIALS,
+    Variable,
+    is_coordinate,
+)
 from xdynamics.shapes.blocks import Block
 
 if TYPE_CHECKING:
@@ -135,8 +147,8 @@ def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, A
             raise ValueError(f"'{variable.name}' has shape {data.shape} along {variable.dims}")
         made = variables[variable.name] = xr.Variable.__new__(xr.Variable)
         made._dims, made._data, made._attrs = variable.dims, data, variable.attributes  # noqa: SLF001
-        made._encoding = None  # noqa: SLF001
-    coordinates: set[Any] = {TIME, *(variable.name for variable, _ in filled if variable.role == LABEL)}
+        made._encoding = {"_FillValue": None} if variable.name == EVENT_BOUNDS else None  # noqa: SLF001
+    coordinates: set[Any] = {variable.name for variable, _ in filled if is_coordinate(variable.name, variable.role)}
     return xr.Dataset._construct_direct(variables, coordinates, attrs=attributes)  # noqa: SLF001
 
 

@@ -15,6 +15,7 @@ from xdynamics.record.element_attributes import attributes_of_element
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import FOLDED, check_elements, fold, labelled, model_dimensions, unlabelled
 from xdynamics.record.named_elements import DETECTOR, detectors_of, dims_of_detectors, has_labels, labels_of
+from xdynamics.record.schemas import as_written
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
     ELEMENT_NAME,
@@ -84,7 +85,7 @@ def whole_of(dataset: xr.Dataset) -> xr.Dataset:
 
 def as_recorded(dataset: xr.Dataset) -> xr.Dataset:
     """Return what a Dataset was before it was unfolded, as a file has it."""
-    return unlabelled(whole_of(dataset))
+    return as_written(unlabelled(whole_of(dataset)))
 
 
 def _elements(

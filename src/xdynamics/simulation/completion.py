@@ -15,7 +15,6 @@ from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.partial_records import rows_apart
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import kept_run
 from xdynamics.simulation.single_run import simulate
@@ -83,7 +82,7 @@ def complete(
     with kept_run(run, path, "complete") as kept:
         if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
             raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
-        model = Model.from_record(str(kept["model_toml"].values), functions=functions)
+        model = Model.from_record(str(kept["model_toml"].values.item()), functions=functions)
         settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
         whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
         # of a quantity some elements may have been kept: element by element only where whole ones differ
@@ -98,14 +97,11 @@ def complete(
 
 def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
     """Name the first variable along steps or events that has other values in the rows that both have; empty if there is none."""
-    numbers = [_numbers(run) for run in (kept, whole)]
+    numbers = [np.asarray(run[STEP_NUMBER.name]) for run in (kept, whole)]
     both = [np.flatnonzero(np.isin(own, other)) for own, other in (numbers, numbers[::-1])]
     events = [np.arange(run.sizes.get(EVENTS, 0)) for run in (kept, whole)]
-    thinned = max(map(rows_apart, (kept.attrs, whole.attrs))) > 1
     for name, variable in kept.variables.items():
         if variable.dims[:1] not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
-            continue
-        if thinned and str(name).startswith("event_row"):  # rows of different records
             continue
         if not _same_bits(variable, whole.variables[name], *(both if variable.dims[0] == STEPS else events)):
             return str(name)
@@ -119,8 +115,3 @@ def _same_bits(variable: xr.Variable, other: xr.Variable, mine: Array, theirs: A
     rows = max(1, AT_ONCE // math.prod(variable.shape[1:]))
     parts = [slice(start, start + rows) for start in range(0, mine.size, rows)]
     return all(variable[mine[part]].values.tobytes() == other[theirs[part]].values.tobytes() for part in parts)
-
-
-def _numbers(run: xr.Dataset) -> Array:
-    """Return the numbers, in the march, of a record's rows."""
-    return np.asarray(run[STEP_NUMBER.name]) if STEP_NUMBER.name in run else np.arange(run.sizes[STEPS])

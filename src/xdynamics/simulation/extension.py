@@ -25,6 +25,7 @@ from xdynamics.model.assemblies import assemblies, bodies
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.partial_records import log_description
+from xdynamics.record.schemas import rows_named
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,
@@ -104,7 +105,7 @@ def extend(
     """
     check_destination(path, resume=resume)
     with kept_run(run, path, "extend") as kept:
-        model = Model.from_record(str(kept["model_toml"].values), functions=functions)
+        model = Model.from_record(str(kept["model_toml"].values.item()), functions=functions)
         march = _march_on(kept, model, until, progress)
         return marched_record(march, path, _rows(kept, march), resume=resume)
 
@@ -176,7 +177,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     if march.layout.smooth or not {"event_energy_lost", "event_position"}.isdisjoint(kept.variables):
         kept = record.unfold(kept)  # these are told of elements
     memory, numbers = str(kept[END_MEMORY.name].attrs["names"]), np.asarray(kept[END_MEMORY.name].values)
-    rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
+    rows = int(kept[STEP_NUMBER.name][-1]) + 1
     if march.thinning:
         march.thinning.stand_behind(kept.sizes[STEPS])
     recalled = WITNESSES in memory.split() or not march.settings.keeps_states
@@ -242,7 +243,7 @@ def _impacts_of(kept: xr.Dataset, march: March) -> EventEnergies:
     labels = kept["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
     names = [item.name for item in march.layout.watched]
     detector = np.array([names.index(item) for item in labels])[kept["event_detector"].values]
-    row, after = (kept[f"event_row_{item}"].values for item in ("before", "after"))
+    row, after = (rows_named(kept, f"event_row_{item}") for item in ("before", "after"))
     speeds = np.zeros((march.layout.coordinates.size, row.size))
     for i, name in enumerate(march.layout.coordinates):
         speed = np.abs(kept.variables[velocity(name)].values) * float(

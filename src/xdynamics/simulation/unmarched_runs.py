@@ -52,7 +52,7 @@ def unmarched_run(
     task = _task(march, place, memory)
     if wanted is None:
         run = record.described(march, _sizes(march, sizes))
-        known = [str(name) for name, variable in run.variables.items() if variable.attrs["role"] in KNOWN_BEFORE]
+        known = [str(name) for name, variable in run.variables.items() if variable.attrs.get("role") in KNOWN_BEFORE]
         foreseen = labelled(record.foreseen(march))
         foreseen = foreseen if is_read_whole(model) else record.unfold(foreseen)
         return lazy(Stage(_with_outcome(run), task, [*known, GIVEN_STEP.name], foreseen))

@@ -15,6 +15,7 @@ from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
 from xdynamics.model import Model
+from xdynamics.record.schemas import rows_named
 from xdynamics.schema import EVENTS, OF_MOTION, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import warn_of_accuracy
 from xdynamics.units import Unit, unit_suffix
@@ -78,7 +79,7 @@ def with_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
     """Add the events of a run to its states at wanted times: when each was, and the state after it."""
     import xarray as xr
 
-    after = run["event_row_after"].values
+    after = rows_named(run, "event_row_after")
     variables = {name: run.variables[name] for name in ("event_time", "event_detector")}
     for name, variable in run.variables.items():
         if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION:

@@ -164,7 +164,9 @@ class _Reading:
             inside = (self.times >= ends[0]) & (self.times <= ends[1])
             states = np.full((len(self.names), self.times.size), np.nan)
             if inside.any():
-                own = model if str(run["model_toml"].values) == model.to_toml() else None  # else of another version
+                own = (
+                    model if str(run["model_toml"].values.item()) == model.to_toml() else None
+                )  # else of another version
                 found = sampled(
                     run, self.times[inside], after=True, rule=REINTEGRATE, functions=self.functions, model=own
                 )

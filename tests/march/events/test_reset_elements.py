@@ -35,7 +35,7 @@ def test_one_element_is_set_and_the_others_go_on() -> None:
     others = [0, 1, 3]
     assert run.u.values[-1, others] == pytest.approx(np.cos(5.0) * np.array(START)[others], abs=1e-10)
     assert run.v_u.values[run.event_row_after.values, 2] == pytest.approx([1.0, 0.5], abs=1e-10)
-    again = xd.Model.from_text(str(run.model_toml.values))
+    again = xd.Model.from_text(run.model_toml.values.item())
     assert again.digest == model.digest
     assert '"v_u[2]" = "-0.5*v_u[2]"' in again.to_toml()
 

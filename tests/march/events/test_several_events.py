@@ -113,7 +113,7 @@ def test_location_uses_up_no_steps(rule: str) -> None:
 def test_members_in_lanes_have_the_bits_of_runs_alone() -> None:
     """Assert that of members side by side each locates 40 events of a step as it does alone."""
     detectors = [Detector(f"x - {1 + 0.01 * i!r}*metre", [1 + 0.01 * i]) for i in range(40)]
-    model = xd.Model.from_text(str(passed_by(detectors, **METHODS[0]).model_toml.values))
+    model = xd.Model.from_text(passed_by(detectors, **METHODS[0]).model_toml.values.item())
     asked = {"method": "rk4", "step": 0.5, "until": 3.0}
     speeds = np.linspace(0.5, 2.0, 24)
     found = xd.sweep(model, {"v_x": speeds}, keep=["end", "event_time_e7", "event_time_e39"], **asked)
@@ -195,7 +195,7 @@ def test_a_touch_is_found_once(case: int) -> None:
 def test_a_box_stands_where_nothing_is_near() -> None:
     """Assert that the box of an oscillator stands at last, and holds all of its way."""
     model = passed_by([Detector("u - 1.5*metre", [])], method="rk4", step=0.5)
-    model = xd.Model.from_text(str(model.model_toml.values))
+    model = xd.Model.from_text(model.model_toml.values.item())
     march = marched(model, {"method": "rk4", "step": 0.05, "until": 50.0}, boxed=True)[1]
     assert march.run.region[STANDS] == 1.0
     assert march.run.region[BOX] <= -1.0

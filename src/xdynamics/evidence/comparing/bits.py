@@ -19,6 +19,7 @@ from xdynamics.schema import (
     ATOL_EFFECT,
     COUNTS,
     END_MEMORY,
+    EVENT_BOUNDS,
     ORIGIN,
     ROOT_DIGEST,
     SELECTION_OF,
@@ -33,7 +34,7 @@ SLAB = 1_000_000  # numbers, or one row that has more
 STATES = ("coordinate", "velocity", "state")  # roles
 # the text of the law, which another version may write differently, the set of elementary functions, the words of
 # records and the sentence of the outcome, in which later versions report more doubts about a run
-LAW = ("force_source", "force_digest", "math_functions", "schema_version", "run_outcome_text")
+LAW = ("force_source", "force_digest", "math_functions", "Conventions", "schema_version", "run_outcome_text")
 # what later versions define differently: in 0.1, the uncertainty of an event's location had no lower bound
 REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0
@@ -202,7 +203,7 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     if (
         variable.dims != counterpart.dims
         or _kind(variable) != _kind(counterpart)
-        or _measure(attributes[0]) != _measure(attributes[1])
+        or (name != EVENT_BOUNDS and _measure(attributes[0]) != _measure(attributes[1]))
         or (worded and not _alike(*attributes))
     ):
         return 0

@@ -22,6 +22,7 @@ from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
 from xdynamics.faults import written
 from xdynamics.record.named_elements import column
+from xdynamics.record.schemas import rows_named
 from xdynamics.record.unfolding import whole_of
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 
@@ -231,7 +232,7 @@ def _states_after(
     run: xr.Dataset, subjects: Subjects, event: str, events: Rows, occurrences: int
 ) -> dict[str, tuple[Floats, Floats]]:
     """Return states after events, and how far their location may have them off, by the names of the numbers compared."""
-    after, before = run.variables["event_row_after"].values[events], run.variables["event_row_before"].values[events]
+    after, before = (rows_named(run, name)[events] for name in ("event_row_after", "event_row_before"))
     uncertainty = run.variables["event_time_uncertainty"].values[events]
     (detector, place), whole, values = subjects.event_place(event), whole_of(run), {}
     for state in subjects.compared_after(detector, occurrences):
@@ -252,7 +253,7 @@ def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:
     if "event_time" not in run.variables or not run.sizes["event"]:
         return np.zeros((len(times), *own.shape[1:]))
     counts = [int((run.variables["event_time"].values < time).sum()) for time in times]
-    rates = _rates(run, own, run.variables["event_row_before"].values[: max(counts, default=0)])
+    rates = _rates(run, own, rows_named(run, "event_row_before")[: max(counts, default=0)])
     each = np.ascontiguousarray(np.abs(rates).T) * run.variables["event_time_uncertainty"].values[: rates.shape[0]]
     return np.array([np.sum(each[..., :count], axis=-1).T for count in counts])
 

@@ -31,6 +31,7 @@ from xdynamics.model.parts import Validation
 from xdynamics.model.whole import written_out
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.named_elements import column, find_column
+from xdynamics.record.schemas import rows_named
 from xdynamics.record.unfolding import whole_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, STEPS, acceleration, velocity
@@ -354,7 +355,7 @@ def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
     if len(occurrences) < case.occurrence:
         raise LookupError(f"{case.event} was met {len(occurrences)} times")
     k = int(occurrences[case.occurrence - 1])
-    return k, int(run.variables["event_row_after"][k])
+    return k, int(rows_named(run, "event_row_after")[k])
 
 
 def _units(run: xr.Dataset, case: Validation) -> str:

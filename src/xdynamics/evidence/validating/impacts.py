@@ -22,6 +22,7 @@ from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
 from xdynamics.reaction_names import contact_gap
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.schemas import rows_named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import IMPACT, RESET_KIND, acceleration, velocity
 from xdynamics.units import parse_unit, spell, unit_suffix
@@ -65,10 +66,10 @@ class Impacts:
 
     def __init__(self, run: xr.Dataset, model: Model) -> None:
         self.run, self.model = run, model
-        kind, row = run["event_kind"].values, run["event_row_before"].values
+        kind, row = run["event_kind"].values, rows_named(run, "event_row_before")
         reset = np.isin(row, row[kind == RESET_KIND])  # velocities that a reset sets do not follow from impulses
         self.events = np.flatnonzero((kind == IMPACT) & ~reset)
-        self.rows = row[self.events], run["event_row_after"].values[self.events]
+        self.rows = row[self.events], rows_named(run, "event_row_after")[self.events]
         self.groups, self.group = np.unique(self.rows[0], return_inverse=True)
         labels = run["event_detector"].attrs["flag_meanings"].split()
         self.owners = [labels[i] for i in run["event_detector"].values[self.events].tolist()]

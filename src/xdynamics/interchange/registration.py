@@ -1,0 +1,25 @@
+"""`run.dynamics` for every Dataset, from the moment that both xarray and this package are imported."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.interchange.accessor import Dynamics
+
+
+def register() -> None:
+    """Register the accessor with xarray; what answers is imported when it is asked."""
+    import xarray as xr
+
+    if not hasattr(xr.Dataset, "dynamics"):
+        xr.register_dataset_accessor("dynamics")(dynamics)
+
+
+def dynamics(run: xr.Dataset) -> Dynamics:
+    """Return the usual questions to a run."""
+    from xdynamics.interchange.accessor import Dynamics
+
+    return Dynamics(run)

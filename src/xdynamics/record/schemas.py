@@ -1,0 +1,186 @@
+"""Records of the former schema in the words of today, and back: what is archived stays as it was written.
+
+In `xdynamics-1` what names rows of ``step`` has their places among the rows that are kept, texts have no dimension, and
+rows no numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.faults import InputError
+from xdynamics.record.partial_records import is_selection, rows_apart
+from xdynamics.schema import (
+    CONVENTIONS,
+    DOCUMENT,
+    EVENT_BOUNDS,
+    EVIDENCE,
+    FORMER,
+    SCHEMA_VERSION,
+    STEP_NUMBER,
+    STEPS,
+    SWEEP,
+    TEXT_NAMES,
+    is_coordinate,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    from xdynamics.schema import Variable
+
+NAMES_ROWS = ("event_row_before", "event_row_after", "trial_step", "sample_step", "closed_step")
+MADE = "made"  # entry of the encoding of a variable that a record of the former schema has not
+
+
+def is_former(run: Any) -> bool:
+    """Whether a record is of the former schema."""
+    return FORMER in str(getattr(run, "attrs", {}).get("Conventions", "")).split()
+
+
+def modern(run: xr.Dataset) -> xr.Dataset:
+    """Return an opened record in the words of today; what describes a run is a coordinate.
+
+    Whether it is of the former schema is said by its attributes, as before.
+    """
+    of_run = EVIDENCE not in run.attrs
+    if is_former(run):
+        if run.attrs.get(EVIDENCE) != SWEEP:
+            run = _with_texts(run, lambda text: text.expand_dims(DOCUMENT) if not text.dims else text)
+        if STEPS in run.dims and of_run:
+            run = _numbered(run)
+    names = {name for name in TEXT_NAMES if name in run.variables}
+    if of_run:
+        roles = {str(name): variable.attrs.get("role") for name, variable in run.variables.items()}
+        names |= {name for name, role in roles.items() if is_coordinate(name, role)}
+    shown = run.set_coords(names - {*run.coords})
+    for variable in shown.variables.values():  # xarray would write the names of coordinates that were dropped since
+        variable.encoding.pop("coordinates", None)
+    if EVENT_BOUNDS in shown.variables:
+        shown.variables[EVENT_BOUNDS].encoding["_FillValue"] = None
+    shown.set_close(run._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
+    return shown
+
+
+def as_written(run: xr.Dataset) -> xr.Dataset:
+    """Return a record in the words of its schema; the reverse of `modern`."""
+    if not is_former(run):
+        return run
+    run = _with_texts(run, lambda text: text.isel({DOCUMENT: 0}) if text.dims == (DOCUMENT,) else text)
+    if STEP_NUMBER.name not in run.variables:
+        return run
+    if MADE in run.variables[STEP_NUMBER.name].encoding:
+        return run.drop_vars(STEP_NUMBER.name)
+    numbers = np.asarray(run.variables[STEP_NUMBER.name].values)
+    return _with_rows(run, lambda named: np.searchsorted(numbers, named))
+
+
+def _with_texts(run: xr.Dataset, change: Callable[[xr.Variable], xr.Variable]) -> xr.Dataset:
+    texts = {name: change(run.variables[name]) for name in TEXT_NAMES if name in run.variables}
+    return _replaced(run, texts)
+
+
+def _with_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], NDArray[Any]]) -> xr.Dataset:
+    changed = {}
+    for name in NAMES_ROWS:
+        if name in run.variables:
+            named = run.variables[name]
+            changed[name] = named.copy(data=change(np.asarray(named.values)).astype(named.dtype))
+    return _replaced(run, changed)
+
+
+def _replaced(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
+    """Return a record with other variables in place of some, which stay coordinates if they are."""
+    import xarray as xr
+
+    if not variables:
+        return run
+    whole = {**run.variables, **variables}
+    return xr.Dataset._construct_direct(  # noqa: SLF001 - `assign` would align what cannot be apart
+        whole,
+        {*run.coords},
+        attrs=dict(run.attrs),
+        indexes=dict(run.xindexes),
+        close=run._close,  # noqa: SLF001
+        encoding=run.encoding,
+    )
+
+
+def _numbered(run: xr.Dataset) -> xr.Dataset:
+    """Give rows their numbers, and name rows by them."""
+    import xarray as xr
+
+    if STEP_NUMBER.name not in run.variables:
+        if is_selection(run.attrs):
+            return run  # its rows have no numbers any more
+        made = xr.Variable((STEPS,), np.arange(run.sizes[STEPS]), STEP_NUMBER.attributes, {MADE: True}, fastpath=True)
+        return _replaced(run, {STEP_NUMBER.name: made})
+    if rows_apart(run.attrs) == 1 or is_selection(run.attrs):
+        return run
+    numbers = np.asarray(run.variables[STEP_NUMBER.name].values)
+    return _with_rows(run, lambda places: numbers[places])
+
+
+def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable]:
+    """Return what a schema asks of every record, as that of a record has it, in its file or opened."""
+    if not is_former(run):
+        return [*variables]
+    texts = {name: run.variables[name].dims for name in TEXT_NAMES if name in run.variables}
+    known = [variable for variable in variables if variable.name != STEP_NUMBER.name or variable.name in run.variables]
+    return [replace(variable, dims=texts.get(variable.name, variable.dims)) for variable in known]
+
+
+def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:
+    """Return attributes of a part of a run, which is written as runs are today."""
+    return attributes | {"Conventions": CONVENTIONS, "schema_version": SCHEMA_VERSION}
+
+
+def places_of(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
+    """Return the places, among a record's rows, of the rows of given numbers; -1 of those that it has not."""
+    own = run.variables[STEP_NUMBER.name].values if STEP_NUMBER.name in run.variables else np.zeros(0, np.int64)
+    return places_among(own, numbers)
+
+
+def places_among(own: Any, numbers: Any) -> NDArray[np.int64]:
+    """Return the places of numbers among others, -1 of those that are not there."""
+    own, wanted = np.atleast_1d(np.asarray(own)), np.asarray(numbers, np.int64)
+    if not own.size:
+        return np.full(wanted.shape, -1, np.int64)
+    if own[0] == 0 and own[-1] == own.size - 1 and np.array_equal(own, np.arange(own.size)):
+        return np.where((wanted >= 0) & (wanted < own.size), wanted, -1)
+    order = np.argsort(own, kind="stable")
+    places: NDArray[np.int64] = order[np.minimum(np.searchsorted(own, wanted, sorter=order), own.size - 1)]
+    return np.where(own[places] == wanted, places, -1)
+
+
+def rows_named(run: xr.Dataset, name: str) -> NDArray[np.int64]:
+    """Return the places of the rows that a variable names, like ``event_row_before``; -1 of those that were left out."""
+    return places_of(run, run.variables[name].values)
+
+
+def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the places of the rows ``before`` or ``after`` some events.
+
+    Raises
+    ------
+    InputError
+        Naming the first event whose row was left out.
+    """
+    places: NDArray[np.int64] = rows_named(run, f"event_row_{side}")[events]
+    if (missing := np.flatnonzero(places < 0)).size:
+        which = int(events[missing[0]])
+        time = float(np.atleast_1d(run.variables["event_time"].values)[which])
+        words = str(run.variables["event_detector"].attrs.get("flag_meanings", "")).split()
+        number = int(np.atleast_1d(run.variables["event_detector"].values)[which])
+        detector = words[number] if number < len(words) else str(number)
+        raise InputError(
+            f"the row {side} event '{detector}' at t = {time:.6g} {run.variables['event_time'].attrs.get('units', 's')} is not"
+            " in this selection; take the event's states from the whole run"
+        )
+    return places

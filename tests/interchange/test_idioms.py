@@ -1,0 +1,173 @@
+"""What users of xarray type first, on a run as it was marched, as it is opened, and as xarray opens the file itself."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+
+WAYS: dict[str, Callable[[xr.Dataset, Path], xr.Dataset]] = {
+    "marched": lambda run, _: run,
+    "opened": lambda _, path: xd.open_run(path),
+    "in chunks": lambda _, path: xd.open_run(path, chunks={}),
+    "by the backend": lambda _, path: xr.open_dataset(path, engine="xdynamics"),
+    "by xarray": lambda _, path: xr.open_dataset(path),
+}
+IDIOMS: dict[str, Callable[[xr.Dataset], Any]] = {
+    "mean": lambda run: run.mean("step"),
+    "std": lambda run: run.std("step"),
+    "max": lambda run: run.max("step"),
+    "median": lambda run: run.compute().median("step"),
+    "sum": lambda run: run.sum(),
+    "twice": lambda run: run * 2,
+    "difference": lambda run: run - run,
+    "where": lambda run: run.where(run.time > 0.5),
+    "groupby": lambda run: run.compute().set_coords("row_kind").groupby("row_kind").mean(),
+    "rolling": lambda run: run.rolling(step=3).mean(),
+    "isel": lambda run: run.isel(step=slice(5), event=[0]),
+    "sel": lambda run: run.isel(step=run.time.values > 0.5),
+    "concat": lambda run: xr.concat([run, run], "member", coords="different", compat="equals"),
+    "merge": lambda run: xr.merge([run[["y"]], run[["v_y"]]]),
+    "combine": lambda run: xr.combine_by_coords([run[["y"]], run[["v_y"]]]),
+    "astype": lambda run: run.astype("f4"),
+    "diff": lambda run: run.diff("step"),
+    "shift": lambda run: run.shift(step=1),
+    "sortby": lambda run: run.sortby("time"),
+    "assign": lambda run: run.assign(speed=abs(run.v_y)),
+    "to_dataframe": lambda run: run.y.to_dataframe(),
+    "tree": xr.DataTree,
+    "pickle": lambda run: pickle.loads(pickle.dumps(run)),
+    "copy": lambda run: run.copy(deep=True),
+    "interp": lambda run: run.y.swap_dims(step="time").drop_duplicates("time").interp(time=[0.1, 0.2]),
+    "polyfit": lambda run: run.y.swap_dims(step="time").polyfit("time", 2),
+}
+
+
+@pytest.fixture(scope="module")
+def run() -> xr.Dataset:
+    """A ball that bounces twice."""
+    return xd.simulate(xd.Model.from_toml("data/models/bouncing_ball.toml"), until="1.4 s", method="rk4", step="10 ms")
+
+
+@pytest.fixture(scope="module")
+def path(run: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its archive."""
+    return Path(xd.save(run, tmp_path_factory.mktemp("idioms") / "ball.nc"))
+
+
+@pytest.fixture(params=[False, True], ids=["as it was", "new defaults"])
+def defaults(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Xarray's defaults of joining, and those that are to come."""
+    with xr.set_options(use_new_combine_kwarg_defaults=request.param):
+        yield
+
+
+@pytest.mark.filterwarnings("ignore:In a future version of xarray:FutureWarning", "ignore:invalid value:RuntimeWarning")
+@pytest.mark.usefixtures("defaults")
+@pytest.mark.parametrize("way", WAYS)
+def test_idioms_meet_numbers_alone(run: xr.Dataset, path: Path, way: str) -> None:
+    """Assert that no text and no parameter is in the way, and that what comes back still describes the run."""
+    given = WAYS[way](run, path)
+    for name, idiom in IDIOMS.items():
+        result = idiom(given)
+        if isinstance(result, xr.Dataset) and name not in ("sum", "concat", "groupby", "merge", "combine", "polyfit"):
+            assert float(result.m) == float(run.m), name
+            assert result.model_toml.item() == run.model_toml.item(), name
+    assert float((given * 2).y[0]) == 2.0 * float(run.y[0])
+    assert float(given.mean("step").y) == pytest.approx(float(run.y.mean()))
+    assert xr.concat([given, given], "member", coords="different", compat="equals").y.dims == ("member", "step")
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_describes_a_run_are_coordinates(run: xr.Dataset, path: Path, way: str) -> None:
+    """Assert that parameters, texts, times and numbers of rows are coordinates, and nothing else is."""
+    given = WAYS[way](run, path)
+    described = {"m", "g", "e", "model_toml", "force_source", "time", "event_time", "trial_time", "sample_time"}
+    described |= {"step_number"} if way == "by xarray" else {"step_number", "end_memory"}
+    assert {*given.coords} == described
+    assert not given.indexes
+    assert given.m.dims == ()
+    assert given.model_toml.dims == ("document",)
+    assert given.event_time_bounds.attrs == {}
+    assert given.event_time.attrs["bounds"] == "event_time_bounds"
+
+
+@pytest.mark.filterwarnings("ignore::zarr.errors.UnstableSpecificationWarning", "ignore:Consolidated metadata")
+@pytest.mark.parametrize("way", WAYS)
+def test_copies_by_xarray_are_read(run: xr.Dataset, path: Path, way: str, tmp_path: Path) -> None:
+    """Assert that netCDF and Zarr that xarray writes of a run have every number, and its verbs take them."""
+    given = WAYS[way](run, path)
+    given.to_netcdf(tmp_path / "copy.nc")
+    given.to_zarr(tmp_path / "copy.zarr")
+    for copy in (xr.open_dataset(tmp_path / "copy.nc"), xr.open_zarr(tmp_path / "copy.zarr")):
+        for name, variable in run.variables.items():
+            assert np.array_equal(copy[name].values, variable.values, equal_nan=variable.dtype.kind == "f"), name
+        assert copy.dynamics.events("floor").sizes["event"] == 2
+
+
+def rows(run: xr.Dataset, wanted: Any) -> xr.Dataset:
+    """Return some rows of a run."""
+    return run.isel(step=wanted)
+
+
+SELECTIONS: dict[str, Callable[[int], Any]] = {
+    "all": lambda _: slice(None),
+    "late": lambda _: slice(10, None),
+    "shuffled": lambda n: np.random.default_rng(1).permutation(n),
+    "backwards": lambda _: slice(None, None, -1),
+}
+
+
+@pytest.mark.parametrize("selection", SELECTIONS)
+@pytest.mark.parametrize("saved", [False, True], ids=["", "saved"])
+def test_events_have_their_own_states_in_selections(
+    run: xr.Dataset, selection: str, tmp_path: Path, *, saved: bool
+) -> None:
+    """Assert that rows are found by their numbers: the last bounce has the speeds that it has in the whole run."""
+    part = rows(run, SELECTIONS[selection](run.sizes["step"])).isel(event=[-1])
+    if saved and selection in ("all", "late"):
+        xd.save(part, tmp_path / "part.nc")
+        part = xd.open_run(tmp_path / "part.nc")
+    found, whole = part.dynamics.events("floor"), run.dynamics.events("floor").isel(event=[-1])
+    for name in ("before_v_y", "after_v_y", "before_y", "event_time"):
+        assert found[name].values.tolist() == whole[name].values.tolist(), name
+
+
+def test_what_a_selection_has_not_is_told(run: xr.Dataset) -> None:
+    """Assert one line for states of events that were left out, and for steps between rows that were."""
+    early = run.isel(step=slice(0, 5))
+    for asked in (lambda: early.dynamics.events("floor"), lambda: early.dynamics.solution):
+        with pytest.raises(
+            xd.InputError, match=r"the row (before|after) event 'floor' at t = 0\.45\d+ s is not in this sel"
+        ):
+            asked()
+    torn = run.isel(step=run.row_kind.values != 4)  # without the states behind the bounces
+    bounce = float(run.event_time[0])
+    with pytest.raises(xd.InputError, match=r"a row is missing between t = 0\.45\d+ s and"):
+        xd.sample(torn, bounce + 1e-3)
+    assert xd.sample(torn, bounce / 2).y.values == xd.sample(run, bounce / 2).y.values
+
+
+def test_a_thinned_run_names_rows_by_number() -> None:
+    """Assert that pointers of a run with every seventh row are numbers of the whole march, and find their states."""
+    model = xd.Model.from_toml("data/models/bouncing_ball.toml")
+    whole = xd.simulate(model, until="1.4 s", method="rk4", step="1 ms")
+    thin = xd.simulate(model, until="1.4 s", method="rk4", step="1 ms", keep_every=7)
+    for name in ("event_row_before", "event_row_after"):
+        assert thin[name].values.tolist() == whole[name].values.tolist()
+        assert {*thin[name].values.tolist()} <= {*thin.step_number.values.tolist()}
+    assert {*thin.sample_step.values.tolist(), *thin.trial_step.values.tolist()} <= {*thin.step_number.values.tolist()}
+    for part in (thin, thin.isel(step=slice(60, None), event=[-1])):
+        found, expected = (
+            part.dynamics.events("floor"),
+            whole.dynamics.events("floor").isel(event=slice(-part.sizes["event"], None)),
+        )
+        assert found.before_v_y.values.tolist() == expected.before_v_y.values.tolist()
+    assert whole.step_number.values.tolist() == list(range(whole.sizes["step"]))
