@@ -262,7 +262,7 @@ def test_the_source_in_a_record_is_the_law() -> None:
     import hashlib
 
     run = xd.simulate(particle("F"), method="midpoint", step=0.5, until=1.0)
-    source = str(run["force_source"].values)
+    source = run["force_source"].values.item()
     assert "def forces(" in source
     assert "def propose(" in source
     assert run.attrs["force_digest"] == hashlib.sha256(source.encode()).hexdigest()

@@ -68,9 +68,13 @@ def test_elements_have_the_switches_of_one(energies: dict[str, str]) -> None:
 
 
 FRICTION = {
-    "gap": "y", "restitution": "0", "tangential": "coulomb", "slip": "v_x",
-    "friction": "where(x > 3*metre, 0.5, 0.1)", "static": "where(t > 3*second, 0.6, 0.5)",
-}  # fmt: skip
+    "gap": "y",
+    "restitution": "0",
+    "tangential": "coulomb",
+    "slip": "v_x",
+    "friction": "where(x > 3*metre, 0.5, 0.1)",
+    "static": "where(t > 3*second, 0.6, 0.5)",
+}
 
 
 def test_friction_of_a_contact_switches_in_each_element() -> None:

@@ -19,6 +19,7 @@ from xdynamics.record.partial_records import is_evidence
 from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import (
     BOUNDS,
+    CLOSED_TIME,
     COMPRESSION,
     COMPRESSION_WORDS,
     DIGEST,
@@ -27,6 +28,7 @@ from xdynamics.schema import (
     ROOT_DIGEST,
     SEAL_WORDS,
     SEALED,
+    STEP_NUMBER,
     VOLATILE_DIGEST,
     coordinates_of,
 )
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
+COUNTED = (STEP_NUMBER.name, CLOSED_TIME)  # that compress to nearly nothing, and always are
 BACK = 1 << 19  # values that are read back at once
 
 
@@ -101,9 +104,9 @@ class Writer:
             chunksizes=chunks,
             fill_value=False,
             endian="little",
-            zlib=name in self._packed,
+            zlib=name in self._packed or name in COUNTED,
             complevel=1,
-            shuffle=name in self._packed,
+            shuffle=name in self._packed or name in COUNTED,
         )
         variable.set_auto_maskandscale(False)
         if chunks:

@@ -54,7 +54,7 @@ def _of_record(record: xr.Dataset) -> dict[str, Any]:
     """Return the summary of a run, or all that evidence or a part of a run holds."""
     attributes = record.attrs
     if STEPS in record.dims and is_whole(attributes):
-        parameters = {str(n): v for n, v in record.data_vars.items() if v.attrs.get("role") == "parameter"}
+        parameters = {str(n): v for n, v in record.variables.items() if v.attrs.get("role") == "parameter"}
         held = {name: _variable(variable) for name, variable in parameters.items()}
         return {"kind": RUN} | as_data(record) | {"parameters": held}
     kind = REPRODUCTION if "identical" in attributes else STATES if AT in record.dims else PART

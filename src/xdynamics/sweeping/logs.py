@@ -25,7 +25,7 @@ from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import AT, AT_TIME, GIVEN_STEP, ROOT_DIGEST
+from xdynamics.schema import AT, AT_TIME, GIVEN_STEP, ROOT_DIGEST, TEXT_NAMES
 from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
@@ -104,7 +104,8 @@ def open_logs(
         for name in chosen
     }
     variables[AT_TIME] = ((AT,), wanted, about(model.time_unit.text, "wanted time", "time"))
-    axes = {name: entry for name, entry in catalogue.coords.items() if {*entry.dims} <= {*dims}}
+    described = ((name, entry) for name, entry in catalogue.coords.items() if name not in TEXT_NAMES)
+    axes = {name: entry for name, entry in described if {*entry.dims} <= {*dims}}
     logs = exhibit(
         "logs of a sweep",
         f"{model.name}: runs over {', '.join(map(str, dims))}",
