@@ -23,7 +23,9 @@ def test_every_column_is_the_same_in_other_units_and_scales() -> None:
         if one[name].dtype.kind == "U" or name == "end_memory":  # in the march's own numbers
             continue
         units = [run[name].attrs.get("units", run["event_time"].attrs["units"]) for run in (one, other)]
-        first, second = (run[name].values * float(parse_unit(unit).factor) for run, unit in zip((one, other), units))
+        first, second = (
+            run[name].values * float(parse_unit(unit).factor) for run, unit in zip((one, other), units, strict=True)
+        )
         assert first.shape == second.shape, name
         size = np.max(np.abs(first[np.isfinite(first)]), initial=0.0)
         close = 1e-4 if "error" in name or "uncertainty" in name else 1e-7

@@ -10,10 +10,10 @@ import numpy as np
 from xdynamics import archive
 from xdynamics.record.circumstances import circumstances
 from xdynamics.record.folding import fold
+from xdynamics.record.schemas import along_document
 from xdynamics.schema import (
     AT_TIME,
     CONVENTIONS,
-    DOCUMENT,
     EVIDENCE,
     MODEL_DIMENSIONS,
     RUNS,
@@ -66,7 +66,7 @@ def exhibit(
     own = {name: xr.Variable(*variable) for name, variable in variables.items()}
     for name in TEXT_NAMES:
         if name in own and not own[name].dims:
-            own[name] = own[name] if kind == SWEEP else own[name].expand_dims(DOCUMENT)
+            own[name] = own[name] if kind == SWEEP else along_document(own[name])
             coordinates.append(name)
     dataset = xr.Dataset(_told(own) if shapes.dims else own).set_coords(coordinates)
     header = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -15,7 +15,8 @@ def register() -> None:
     import xarray as xr
 
     if not hasattr(xr.Dataset, "dynamics"):
-        xr.register_dataset_accessor("dynamics")(dynamics)
+        register_as: Any = xr.register_dataset_accessor  # it has no types
+        register_as("dynamics")(dynamics)
 
 
 def dynamics(run: xr.Dataset) -> Dynamics:

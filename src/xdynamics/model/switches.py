@@ -369,7 +369,9 @@ def _wholes(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
     yield owner_of_masses(model), masses_of_wholes(model), False
     if whole.lagrangian is not None and whole.lagrangian.potential is not None:
         yield POTENTIAL, [expanded(whole.lagrangian.potential, whole.definitions, model.shapes)], False
-    rubs = {name: (part.kinetic, part.static) for name, part in whole.frictions.items()}
+    rubs: dict[str, tuple[Node | None, ...]] = {
+        name: (part.kinetic, part.static) for name, part in whole.frictions.items()
+    }
     rubs |= {name: (part.friction, part.static) for name, part in whole.contacts.items()}
     for name, bounds in rubs.items():
         trees = [expanded(tree, whole.definitions, model.shapes) for tree in bounds if tree is not None]

@@ -7,7 +7,7 @@ rows no numbers.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def modern(run: xr.Dataset) -> xr.Dataset:
     of_run = EVIDENCE not in run.attrs
     if is_former(run):
         if run.attrs.get(EVIDENCE) != SWEEP:
-            run = _with_texts(run, lambda text: text.expand_dims(DOCUMENT) if not text.dims else text)
+            run = _with_texts(run, along_document)
         if STEPS in run.dims and of_run:
             run = _numbered(run)
     names = {name for name in TEXT_NAMES if name in run.variables}
@@ -81,6 +81,11 @@ def as_written(run: xr.Dataset) -> xr.Dataset:
     return _with_rows(run, lambda named: np.searchsorted(numbers, named))
 
 
+def along_document(text: xr.Variable) -> xr.Variable:
+    """Return a text along the dimension that texts have."""
+    return text if text.dims else cast("xr.Variable", text.expand_dims(DOCUMENT))
+
+
 def _with_texts(run: xr.Dataset, change: Callable[[xr.Variable], xr.Variable]) -> xr.Dataset:
     texts = {name: change(run.variables[name]) for name in TEXT_NAMES if name in run.variables}
     return _replaced(run, texts)
@@ -101,7 +106,7 @@ def _replaced(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
 
     if not variables:
         return run
-    whole = {**run.variables, **variables}
+    whole: dict[Any, xr.Variable] = {**run.variables, **variables}
     return xr.Dataset._construct_direct(  # noqa: SLF001 - `assign` would align what cannot be apart
         whole,
         {*run.coords},
@@ -131,7 +136,7 @@ def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable
     """Return what a schema asks of every record, as that of a record has it, in its file or opened."""
     if not is_former(run):
         return [*variables]
-    texts = {name: run.variables[name].dims for name in TEXT_NAMES if name in run.variables}
+    texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
     known = [variable for variable in variables if variable.name != STEP_NUMBER.name or variable.name in run.variables]
     return [replace(variable, dims=texts.get(variable.name, variable.dims)) for variable in known]
 

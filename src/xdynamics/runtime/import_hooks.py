@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, cast
 
 
 class _Following:
@@ -28,7 +29,7 @@ class _Following:
             return None
         spec = find_spec(name)
         if spec is not None and spec.loader is not None:
-            spec.loader = _Loader(spec.loader, follower)  # type: ignore[assignment] - it has all that the other has
+            spec.loader = cast("Loader", _Loader(spec.loader, follower))  # it has all that the other has
         return spec
 
 
