@@ -28,7 +28,7 @@ from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import variables
 from xdynamics.record.flag_words import words_of
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 
 if TYPE_CHECKING:
     import xarray as xr

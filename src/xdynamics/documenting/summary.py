@@ -16,6 +16,7 @@ from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
 from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.record.named_rows import places_of
 from xdynamics.record.partial_records import (
     ended,
     has_its_rows,
@@ -26,7 +27,6 @@ from xdynamics.record.partial_records import (
     kind_description,
     rows_apart,
 )
-from xdynamics.record.schemas import places_of
 from xdynamics.schema import (
     CHOSEN,
     CROSSING,

@@ -39,7 +39,7 @@ from xdynamics.model.switches import STEPPED_OVER, jumping_switches
 from xdynamics.model.tangent_space import tangent_space
 from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 

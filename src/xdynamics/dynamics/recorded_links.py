@@ -19,7 +19,7 @@ from xdynamics.march.dense_output import ListedLinks
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.record.closed_link_columns import FRICTION_STATE, link_names
-from xdynamics.record.schemas import places_among
+from xdynamics.record.named_rows import places_among
 from xdynamics.schema import at_closed
 
 if TYPE_CHECKING:

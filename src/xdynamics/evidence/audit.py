@@ -27,7 +27,7 @@ from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.named_elements import column_in_si, event_words
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.shapes.naming import parted
 from xdynamics.units import unit_suffix
 

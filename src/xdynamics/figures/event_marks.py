@@ -16,8 +16,8 @@ from xdynamics.figures.marks import INK, words
 from xdynamics.figures.placing import EVENT
 from xdynamics.reaction_names import contact_force, friction_force
 from xdynamics.record.flag_words import words_of
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.partial_records import is_run
-from xdynamics.record.schemas import rows_named
 from xdynamics.schema import at_event
 from xdynamics.shapes import parted
 

@@ -24,7 +24,7 @@ from xdynamics.figures.marks import MOST_BANDS
 from xdynamics.figures.plane import positions, read_by
 from xdynamics.model import Model
 from xdynamics.record.laziness import is_chunked
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
 if TYPE_CHECKING:

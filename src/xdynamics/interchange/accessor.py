@@ -12,13 +12,12 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
-from xdynamics.interchange.registration import register
 from xdynamics.interchange.solution import Solution, solution
 from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
+from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
-from xdynamics.record.schemas import rows_of_events
 from xdynamics.schema import BOUNDS, EVENTS, OF_MOTION, STEPS
 
 if TYPE_CHECKING:
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from xdynamics.figures.picture import Picture
 
 teach()  # whoever imported pint-xarray too
-register()
 show_pages()
 show_time_notes()
 

@@ -15,7 +15,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of
-from xdynamics.record.schemas import rows_of_events
+from xdynamics.record.named_rows import rows_of_events
 from xdynamics.schema import AT, EVENTS, STEPS
 
 Floats = NDArray[np.float64]

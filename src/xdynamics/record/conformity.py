@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from xdynamics.reaction_names import JOINT
 from xdynamics.record.folding import model_dimensions
+from xdynamics.record.named_rows import places_among
 from xdynamics.record.partial_records import is_run, is_whole
-from xdynamics.record.schemas import in_words_of, places_among
+from xdynamics.record.schemas import in_words_of
 from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     ATOL_EFFECT,

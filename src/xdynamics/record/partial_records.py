@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.faults import InputError
+from xdynamics.record.named_rows import rows_named
 from xdynamics.schema import (
     CHOSEN,
     DERIVED,
@@ -67,8 +68,6 @@ def has_its_rows(run: xr.Dataset) -> bool:
         name not in run or run[name].dims != (dim,) for name, dim in parts.items()
     ):
         return False
-    from xdynamics.record.schemas import rows_named
-
     times, rows = run["time"].values, rows_named(run, "event_row_before")
     return bool((rows >= 0).all()) and times.size > 0 and np.array_equal(times[rows], run["event_time"].values)
 

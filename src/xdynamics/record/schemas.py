@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from xdynamics.faults import InputError
 from xdynamics.record.partial_records import is_selection, rows_apart
 from xdynamics.schema import (
     CONVENTIONS,
@@ -144,48 +143,3 @@ def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable
 def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:
     """Return attributes of a part of a run, which is written as runs are today."""
     return attributes | {"Conventions": CONVENTIONS, "schema_version": SCHEMA_VERSION}
-
-
-def places_of(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
-    """Return the places, among a record's rows, of the rows of given numbers; -1 of those that it has not."""
-    own = run.variables[STEP_NUMBER.name].values if STEP_NUMBER.name in run.variables else np.zeros(0, np.int64)
-    return places_among(own, numbers)
-
-
-def places_among(own: Any, numbers: Any) -> NDArray[np.int64]:
-    """Return the places of numbers among others, -1 of those that are not there."""
-    own, wanted = np.atleast_1d(np.asarray(own)), np.asarray(numbers, np.int64)
-    if not own.size:
-        return np.full(wanted.shape, -1, np.int64)
-    if own[0] == 0 and own[-1] == own.size - 1 and np.array_equal(own, np.arange(own.size)):
-        return np.where((wanted >= 0) & (wanted < own.size), wanted, -1)
-    order = np.argsort(own, kind="stable")
-    places: NDArray[np.int64] = order[np.minimum(np.searchsorted(own, wanted, sorter=order), own.size - 1)]
-    return np.where(own[places] == wanted, places, -1)
-
-
-def rows_named(run: xr.Dataset, name: str) -> NDArray[np.int64]:
-    """Return the places of the rows that a variable names, like ``event_row_before``; -1 of those that were left out."""
-    return places_of(run, run.variables[name].values)
-
-
-def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the places of the rows ``before`` or ``after`` some events.
-
-    Raises
-    ------
-    InputError
-        Naming the first event whose row was left out.
-    """
-    places: NDArray[np.int64] = rows_named(run, f"event_row_{side}")[events]
-    if (missing := np.flatnonzero(places < 0)).size:
-        which = int(events[missing[0]])
-        time = float(np.atleast_1d(run.variables["event_time"].values)[which])
-        words = str(run.variables["event_detector"].attrs.get("flag_meanings", "")).split()
-        number = int(np.atleast_1d(run.variables["event_detector"].values)[which])
-        detector = words[number] if number < len(words) else str(number)
-        raise InputError(
-            f"the row {side} event '{detector}' at t = {time:.6g} {run.variables['event_time'].attrs.get('units', 's')} is not"
-            " in this selection; take the event's states from the whole run"
-        )
-    return places

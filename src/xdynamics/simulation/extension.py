@@ -24,8 +24,8 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies, bodies
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.arguments import asked_of
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.partial_records import log_description
-from xdynamics.record.schemas import rows_named
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,

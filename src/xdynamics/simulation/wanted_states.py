@@ -15,7 +15,7 @@ from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
 from xdynamics.model import Model
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.schema import EVENTS, OF_MOTION, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import warn_of_accuracy
 from xdynamics.units import Unit, unit_suffix

@@ -22,7 +22,7 @@ from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
 from xdynamics.faults import written
 from xdynamics.record.named_elements import column
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import whole_of
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 

@@ -31,7 +31,7 @@ from xdynamics.model.parts import Validation
 from xdynamics.model.whole import written_out
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.named_elements import column, find_column
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import whole_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, STEPS, acceleration, velocity

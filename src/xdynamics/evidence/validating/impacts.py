@@ -22,7 +22,7 @@ from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
 from xdynamics.reaction_names import contact_gap
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.schemas import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import IMPACT, RESET_KIND, acceleration, velocity
 from xdynamics.units import parse_unit, spell, unit_suffix
