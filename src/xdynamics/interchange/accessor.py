@@ -14,6 +14,7 @@ from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
 from xdynamics.interchange.solution import Solution, solution
 from xdynamics.interchange.time_notes import show_time_notes
+from xdynamics.interchange.tree import tree
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.named_rows import rows_of_events
@@ -157,6 +158,18 @@ class Dynamics:
         table.index.name = dim
         table.attrs["units"] = units
         return table
+
+    def tree(self) -> xr.DataTree:
+        """Return the run as a tree of plain tables: ``/steps``, ``/events`` with both one-sided states, and so on.
+
+        Examples
+        --------
+        >>> import xdynamics as xd
+        >>> run = xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), method="dop853", rtol=1e-9)
+        >>> run.dynamics.tree()["events"].dataset[["event_time", "before_v_y"]].to_dataframe().shape
+        (2, 2)
+        """
+        return tree(self._run)
 
     @property
     def solution(self) -> Solution:

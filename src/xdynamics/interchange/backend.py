@@ -33,6 +33,18 @@ class ArchiveBackend(BackendEntrypoint):
         left_out = [drop_variables] if isinstance(drop_variables, str) else [*(drop_variables or ())]
         return run.drop_vars(left_out, errors="ignore") if left_out else run
 
+    def open_datatree(self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None) -> xr.DataTree:
+        """Open an archive as a tree of plain tables; see `xdynamics.interchange.tree`.
+
+        Raises
+        ------
+        InputError, ArchiveError
+            As of `open_run`.
+        """
+        from xdynamics.interchange.tree import tree
+
+        return tree(self.open_dataset(filename_or_obj, drop_variables=drop_variables))
+
     def guess_can_open(self, filename_or_obj: Any) -> bool:  # noqa: ARG002 - xarray's own signature
         """Guess at nothing: a netCDF file is opened by its own engine where none is named."""
         return False

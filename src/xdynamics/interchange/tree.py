@@ -1,0 +1,81 @@
+"""A run as a tree of plain tables: a view of the flat record, which stays the format that runs are reproduced from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.record.named_rows import rows_named
+from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, OF_MOTION, SAMPLES, STEPS, TRIALS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# the node of each dimension of a record, and what its events are shown with on either side
+NODES = {STEPS: "steps", TRIALS: "trials", EVENTS: "events", SAMPLES: "samples", CLOSED_LINKS: "closed"}
+ON_SIDES = (*OF_MOTION, "acceleration", "energy", "observable")
+ENDS = ("lower", "upper")
+
+
+def tree(run: xr.Dataset) -> xr.DataTree:
+    """Return a run as a tree.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        In memory or opened, lazy or not, or a part of one.
+
+    Returns
+    -------
+    xarray.DataTree
+        ``/`` has the parameters, the texts and the attributes; ``/steps``, ``/trials``, ``/events``, ``/samples`` and
+        ``/closed`` have what lies along their dimension: the names are those of the record. In ``/events`` every
+        coordinate, velocity, acceleration, state, energy and observable y stands as ``before_y`` and ``after_y`` beside
+        the ends of the bracket, ``event_time_bounds_lower`` and ``…_upper``; of a row that a selection has not, nan.
+    """
+    import xarray as xr
+
+    own: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
+    root = {}
+    for name, variable in run.variables.items():
+        dim = next((dim for dim in variable.dims if dim in own), None)
+        if dim is None:
+            root[name] = variable
+        elif name == EVENT_BOUNDS:
+            about = {key: run["event_time"].attrs[key] for key in ("units", "role") if key in run["event_time"].attrs}
+            for k, end in enumerate(ENDS):
+                told = about | {"long_name": f"{end} end of the bracket of the event's time"}
+                own[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable((EVENTS,), variable.isel({BOUNDS: k}).data, told)
+        else:
+            own[str(dim)][name] = variable.copy(deep=False)
+            own[str(dim)][name].attrs.pop("bounds", None)
+    if {STEPS, EVENTS} <= {*own}:
+        own[EVENTS] |= _on_both_sides(run)
+    nodes = {f"/{NODES[dim]}": _table(variables, run) for dim, variables in own.items()}
+    whole = xr.Dataset(root, attrs=run.attrs).set_coords([name for name in root if name in run.coords])
+    return xr.DataTree.from_dict({"/": whole, **nodes})
+
+
+def _table(variables: dict[Any, Any], run: xr.Dataset) -> xr.Dataset:
+    import xarray as xr
+
+    made = xr.Dataset(variables)
+    return made.set_coords([name for name in variables if name in run.coords])
+
+
+def _on_both_sides(run: xr.Dataset) -> dict[str, Any]:
+    """Return what states are before and after every event."""
+    import xarray as xr
+
+    found = {}
+    for side in ("before", "after"):
+        places = rows_named(run, f"event_row_{side}")
+        for name, variable in run.variables.items():
+            if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in ON_SIDES:
+                values = np.asarray(variable.isel({STEPS: np.maximum(places, 0)}).values)
+                values = np.where((places >= 0).reshape(-1, *(1,) * (values.ndim - 1)), values, np.nan)
+                told = {key: entry for key, entry in variable.attrs.items() if key in ("units", "role")}
+                told |= {"long_name": f"{name} {side} the event"}
+                found[f"{side}_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), values, told)
+    return found
