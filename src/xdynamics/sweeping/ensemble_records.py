@@ -20,6 +20,7 @@ from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Pacing, Runs, Settings
 from xdynamics.march.dense_output import PartsAbreast, past_of, rows_of_times, states_within
+from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods.steppers import SERIES
 from xdynamics.model import Model
@@ -114,6 +115,20 @@ class Harvest:
     def last(self, name: str) -> NDArray[Any]:
         """Return a variable in every member's last row."""
         return self[name][self.runs.last_rows]
+
+    @cached_property
+    def _failed(self) -> NDArray[np.bool_]:
+        good = np.array([status in OUTCOMES and OUTCOMES[status].good for status in range(max(OUTCOMES) + 1)])
+        failed: NDArray[np.bool_] = ~good[self.runs.status]
+        return failed
+
+    def of_good_runs(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return what is told of whole runs: nan where a member's failed before its end."""
+        if values.dtype.kind != "f" or not self._failed.any():
+            return values
+        told = values.copy()
+        told[self._failed] = np.nan
+        return told
 
     def met(self, detector: str) -> tuple[Rows, Rows, Rows]:
         """Return the events of one detector: index among all events, member, and which occurrence it is, from 0."""

@@ -237,9 +237,9 @@ class _WordReader:
             column.dims[1:],
             self.model.shapes.shape(column.dims[1:]),
             column.units,
-            f"{column.long_name}, where the run ended",
+            f"{column.long_name}, where the run ended; nan of one that failed",
             column.role,
-            lambda runs: runs.last(name),
+            lambda runs: runs.of_good_runs(runs.last(name)),
         )
 
     def _at(self, name: str) -> Kept:
@@ -343,7 +343,7 @@ class _WordReader:
                 units,
                 description,
                 role,
-                lambda runs: extremes(runs, name, sign)[place],
+                lambda runs: runs.of_good_runs(extremes(runs, name, sign)[place]),
                 reads=(name,),
                 motion=self.motion,
                 **extra,

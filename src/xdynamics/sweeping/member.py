@@ -14,6 +14,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.faults import ArchiveError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import March
+from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.grid import At, SweepGrid
@@ -76,8 +77,9 @@ def member(
     model = grid.model_of(at)
     run = record.whole_of(_recorded(grid, at) if recorded else march(model, **grid.asked_of(at)))
     digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, states)
+    told = [entry for entry in ends if not _is_untold(catalogued[entry].values, run)]
     results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
-        entry: run[entry.removeprefix("end_")].values[-1] for entry in ends if entry.removeprefix("end_") in run
+        entry: run[entry.removeprefix("end_")].values[-1] for entry in told if entry.removeprefix("end_") in run
     }
     differences = [
         f"{name} is {entry}, in the sweep {value}"
@@ -89,6 +91,11 @@ def member(
             f"member {grid.name_of(at)}, marched again, comes to something else: {'; '.join(differences)}"
         )
     return run
+
+
+def _is_untold(value: Any, run: xr.Dataset) -> bool:
+    """Whether a sweep says nothing of the end of a run, which failed."""
+    return run.attrs[OUTCOME] not in GOOD and bool(np.isnan(value).all())
 
 
 def _same(value: Any, other: Any) -> bool:

@@ -31,6 +31,10 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
         f"{count} {word}{'' if word.split()[0] in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
     )
     lines.append(f"outcomes  {text}")
+    if failed := sum(count for word, count in outcomes.items() if word.split()[0] not in GOOD):
+        lines.append(
+            f"nan       what would be told of the whole run is nan of {failed} members, which failed before its end"
+        )
     if COMMENT in sweep.attrs:
         lines.append(f"remark    {sweep.attrs[COMMENT]}")
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
