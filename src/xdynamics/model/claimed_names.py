@@ -22,6 +22,7 @@ from xdynamics.reaction_names import (
 from xdynamics.schema import (
     CLOSED_LINKS,
     DIMENSIONS,
+    DOCUMENT,
     ENERGIES,
     EVENT_UNCERTAINTIES,
     FIRST_PASSED,
@@ -53,7 +54,7 @@ OTHER_NAMES = (
     PROJECTION.name,
     FIRST_PASSED.name,
     *ENERGIES,
-    *DIMENSIONS,
+    *(dim for dim in DIMENSIONS if dim != DOCUMENT),
 )
 
 

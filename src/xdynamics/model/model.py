@@ -23,6 +23,7 @@ from xdynamics.model.elements import Elements
 from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.model_trees import BY_NAME, ModelTrees
+from xdynamics.model.name_consistency import check_names_of_today
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
@@ -359,6 +360,8 @@ class Model(ModelTrees):
         recorded: bool = False,
     ) -> None:
         self._state(read(statement, path, functions, access))
+        if not recorded:
+            check_names_of_today(self.shaped)
         if self._declared is not None and not recorded:
             check_end_forces(self._declared, self.shapes)
 

@@ -9,7 +9,7 @@ from xdynamics.expressions import (
     CALLED_ALONE,
     FUNCTIONS,
 )
-from xdynamics.faults import Ledger
+from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.claimed_names import claimed_names
 from xdynamics.model.statement import Statement
 from xdynamics.units import CONSTANTS
@@ -29,7 +29,34 @@ OF_RECORD = {
 }  # fmt: skip
 
 
+# names that records have since schema 2, or keep free: no new model has them, while archives with them open as they are
+OF_TODAY = {"closed_time", "at_time", "document", "energy_balance", "energy_balance_verdict"}
+DIMENSIONS_OF_TODAY = {"document", "point", "member"}
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS} - {*CALLED_ALONE}
+
+
+def check_names_of_today(statement: Statement) -> None:
+    """Refuse names that records have since schema 2.
+
+    Raises
+    ------
+    ModelError
+        Naming them all.
+    """
+    ledger = Ledger(f"model '{statement.name}'", ModelError)
+    work = {f"work_{force}" for force in statement.forces}
+    shares = tuple(f"switch_share_{owner}" for owner in (*statement.forces, *statement.states, "mass"))
+    for section in ("coordinates", "parameters", "arrays", "definitions", "drives", "states", "observables"):
+        for name in map(str, getattr(statement, section)):
+            if name in OF_TODAY | work or name.startswith(("solver_", *shares)):
+                ledger.note(f"{section.removesuffix('s')} '{name}': the record of a run has that name; rename it")
+    for section in ("extents", "relations"):
+        for name in getattr(statement, section):
+            if name in DIMENSIONS_OF_TODAY:
+                ledger.note(
+                    f"{_CALLED.get(section, 'relation')} '{name}': records have a dimension of that name; rename it"
+                )
+    ledger.raise_faults()
 
 
 def check_names(statement: Statement, ledger: Ledger) -> None:
