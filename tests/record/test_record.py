@@ -82,7 +82,10 @@ def test_every_variable_says_what_it_is() -> None:
     for name, variable in run.variables.items():
         assert name == "event_time_bounds" or {"units", "long_name", "role"} <= set(variable.attrs), name
     assert run.event_time_bounds.attrs == {}
-    texts, times = {"model_toml", "force_source"}, {"time", "event_time", "trial_time", "sample_time", "step_number"}
+    texts, times = (
+        {"model_toml", "force_source"},
+        {"end_memory", "time", "event_time", "trial_time", "sample_time", "step_number"},
+    )
     assert {*run.coords} == texts | times | {
         name for name in run.variables if run[name].attrs.get("role") == "parameter"
     }

@@ -81,7 +81,11 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("event_impulse_x, event_offset_x, event_energy_lost", "event", "what an impact did"),
     ("event_<relation>, event_first, event_second", "event", "which link of a contact of many bodies was struck"),
     ("event_impulse_first_x, event_impulse_second_x", "event", "impulses on the two that met"),
-    ("closed_step, closed_contact, closed_first, closed_second", "closed", "step_number, contact and bodies of a closed link"),
+    (
+        "closed_step, closed_contact, closed_first, closed_second",
+        "closed",
+        "step_number, contact and bodies of a closed link",
+    ),
     ("closed_gap, closed_force", "closed", "its gap and its normal force; a row for each link and step"),
     ("closed_friction_force", "closed", "its friction along positive slip, where a contact has any"),
     ("closed_friction_state", "closed", "what it does along it: steps go on from there, not from states alone"),

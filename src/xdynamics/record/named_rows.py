@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.schema import STEP_NUMBER
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,8 +53,9 @@ def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDA
         words = str(run.variables["event_detector"].attrs.get("flag_meanings", "")).split()
         number = int(np.atleast_1d(run.variables["event_detector"].values)[which])
         detector = words[number] if number < len(words) else str(number)
+        second = unit_suffix(str(run.variables["event_time"].attrs["units"]))
         raise InputError(
-            f"the row {side} event '{detector}' at t = {time:.6g} {run.variables['event_time'].attrs.get('units', 's')} is not"
-            " in this selection; take the event's states from the whole run"
+            f"the row {side} event '{detector}' at t = {time:.6g}{second} is not in this selection; take the event's states"
+            " from the whole run"
         )
     return places
