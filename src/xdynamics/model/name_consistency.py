@@ -49,13 +49,11 @@ def check_names_of_today(statement: Statement) -> None:
     for section in ("coordinates", "parameters", "arrays", "definitions", "drives", "states", "observables"):
         for name in map(str, getattr(statement, section)):
             if name in OF_TODAY | work or name.startswith(("solver_", *shares)):
-                ledger.note(f"{section.removesuffix('s')} '{name}': the record of a run has that name; rename it")
+                ledger.note(f"{_called(section)} '{name}': the record of a run has that name; rename it")
     for section in ("extents", "relations"):
         for name in getattr(statement, section):
             if name in DIMENSIONS_OF_TODAY:
-                ledger.note(
-                    f"{_CALLED.get(section, 'relation')} '{name}': records have a dimension of that name; rename it"
-                )
+                ledger.note(f"{_called(section)} '{name}': records have a dimension of that name; rename it")
     ledger.raise_faults()
 
 
@@ -94,7 +92,7 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
         for name in getattr(statement, section):
             if fault := _fault_of(section, str(name)):
                 refused.add(str(name))
-                ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
+                ledger.note(f"{_called(section)} '{name}': {fault}")
     for name, owner in claimed_names(vars(statement)):
         if name in owner_of and not _is_said_elsewhere(name, owner, owner_of[name], refused):
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
@@ -103,10 +101,8 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
     for section in ("extents", "relations"):
         for name in getattr(statement, section):
             if name in owner_of and name not in refused:
-                ledger.note(
-                    f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
-                )
-            owner_of.setdefault(name, f"{_CALLED.get(section, 'relation')} '{name}'")
+                ledger.note(f"{_called(section)} '{name}' and {owner_of[name]} have one name; rename one")
+            owner_of.setdefault(name, f"{_called(section)} '{name}'")
 
 
 def _is_said_elsewhere(name: str, owner: str, other: str, refused: set[str]) -> bool:
@@ -140,6 +136,11 @@ def _fault_of(section: str, name: str) -> str:
     ):
         return f"the name '{name}' is a word of the expression language"
     return ""
+
+
+def _called(section: str) -> str:
+    """Return what an entry of a section is called."""
+    return _CALLED.get(section, section.removesuffix("s"))
 
 
 _CALLED = {"extents": "dimension", "arrays": "parameter", "bodies": "body"}
