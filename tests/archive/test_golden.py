@@ -73,3 +73,23 @@ def test_they_are_read_by_everything(path: Path, tmp_path: Path, request: pytest
     found = xd.sample(run, inner)
     name = next(str(key) for key, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate")
     assert np.isfinite(found[name]).all()
+
+
+def test_a_record_of_schema_1_is_shown_in_the_words_of_today(tmp_path: Path) -> None:
+    """Assert coordinates and numbers of rows when it is opened, the same digest saved again, and that a selection keeps its rows."""
+    path = GOLDEN / "0.2" / "bouncing_ball_verlet.nc"
+    run = xd.open_run(path)
+    assert "xdynamics-1" in run.attrs["Conventions"]
+    assert run.model_toml.dims == ("document",)
+    assert {"m", "time", "event_time", "model_toml", "step_number"} <= {*run.coords}
+    assert run.step_number.values.tolist() == list(range(run.sizes["step"]))
+    assert float(run.mean("step").y) == pytest.approx(float(run.y.mean()))
+    xd.save(run, tmp_path / "again.nc")
+    assert xd.verify(tmp_path / "again.nc") == xd.verify(path)
+    last = int(run.event_row_before[-1])
+    xd.save(run.isel(step=slice(last, None), event=[-1]), tmp_path / "part.nc")
+    part = xd.open_run(tmp_path / "part.nc")
+    assert "xdynamics-2" in part.attrs["Conventions"]
+    assert part.step_number.values[0] == last
+    assert part.dynamics.events().before_v_y.values.tolist() == [float(run.v_y[last])]
+    assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1

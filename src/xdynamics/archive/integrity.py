@@ -216,7 +216,10 @@ def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:
             rows = rows_within(along, kept, whole)
             selection = selection if isinstance(rows, int) else selection.isel({dim: rows})
     attributes = {name: kept.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in kept.attrs}
-    same = all(kept.attrs.get(name) == whole.attrs.get(name) for name in ("xdynamics_version", "math_functions"))
+    same = all(
+        kept.attrs.get(name) == whole.attrs.get(name)
+        for name in ("xdynamics_version", "schema_version", "math_functions")
+    )
     if same:  # another text of the law has another digest
         attributes[SELECTION_OF] = content_digest(whole)
     return selection.assign_attrs(attributes)

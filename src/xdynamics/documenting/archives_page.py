@@ -8,8 +8,8 @@ ncdump, Panoply, MATLAB.
   xd.save(run, "run.nc")            as it was marched, or a part of it; what was edited with
                                     derived="how it was made"
   run.load(), run[["y", "v_y"]]     as of every Dataset of xarray; arrays of a run are read-only
-What describes a run (parameters, times, step_number, the texts model_toml and force_source along the
-dimension document, of size 1) are coordinates, what it yields is data: run.mean("step"), run*2,
+What describes a run (parameters, times, step_number, the texts model_toml and force_source along
+the dimension document, of size 1) are coordinates, what it yields is data: run.mean("step"), run*2,
 run.where(…), groupby and concat meet numbers alone. run.model_toml.item() is the text.
   run.isel(step=slice(10, None))    a selection. event_row_before, event_row_after, trial_step and
                                     sample_step name rows by step_number, their number in the whole

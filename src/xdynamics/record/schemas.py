@@ -18,7 +18,6 @@ from xdynamics.schema import (
     EVENT_BOUNDS,
     EVIDENCE,
     FORMER,
-    SCHEMA_VERSION,
     STEP_NUMBER,
     STEPS,
     SWEEP,
@@ -141,5 +140,5 @@ def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable
 
 
 def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Return attributes of a part of a run, which is written as runs are today."""
-    return attributes | {"Conventions": CONVENTIONS, "schema_version": SCHEMA_VERSION}
+    """Return attributes of a part of a run, which is written as runs are today; its version says whose law it has."""
+    return attributes | {"Conventions": CONVENTIONS}
