@@ -11,8 +11,7 @@ from xdynamics.units import SECONDS, Unit
 # archives of another one are compared by the variables and settings that they have
 SCHEMA_VERSION = "2"
 # the words of a record: of `xdynamics-1`, pointers are places among its rows, and texts have no dimension; see `record.schemas`
-CONVENTION = "xdynamics-2"
-CONVENTIONS = f"CF-1.11 ACDD-1.3 {CONVENTION}"
+CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-2"
 FORMER, FORMER_SCHEMAS = "xdynamics-1", 3  # and the latest of the schemas that had those words
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
@@ -212,9 +211,7 @@ def flags(words: Mapping[int, str], dtype: str = "i1") -> dict[str, Any]:
     return dict(zip(FLAG_ATTRIBUTES, (np.array(list(words), dtype), " ".join(words.values())), strict=True))
 
 
-def coordinates_of(
-    name: str, about: Mapping[str, tuple[Sequence[str], Any]], convention: str = CONVENTIONS
-) -> str | None:
+def coordinates_of(name: str, about: Mapping[str, tuple[Sequence[str], Any]], *, former: bool = False) -> str | None:
     """Return the `coordinates` attribute of a variable in a file: times along its first dimension that has some, and labels.
 
     One variable along `step` names what describes the whole run besides, so that any reader of CF knows it.
@@ -224,10 +221,10 @@ def coordinates_of(
     name : str
     about : mapping of str to (dims, role)
         Of all variables of the file.
-    convention : str
-        By which it is written.
+    former : bool
+        Whether the file is of the former schema.
     """
-    dims, former = about[name][0], FORMER in convention
+    dims = about[name][0]
     times = {dim: TIME_OF[dim] for dim in (STEPS, AT)} if former else TIME_OF
     times = times | ({ROW: "time"} if ROW_SIZE in about else {})
     known = [times[dim] for dim in dims if dim in times and (former or times[dim] in about)]
@@ -238,6 +235,11 @@ def coordinates_of(
     if not former and name in TEXT_NAMES and DOCUMENT in dims:
         found += [other for other in TEXT_NAMES if other != name and other in about]
     return " ".join(found) or None
+
+
+def is_former(attributes: Mapping[Any, Any]) -> bool:
+    """Whether the attributes of a record say that it is of the former schema."""
+    return FORMER in str(attributes.get("Conventions", "")).split()
 
 
 def is_coordinate(name: str, role: Any) -> bool:

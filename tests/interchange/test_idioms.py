@@ -112,6 +112,15 @@ def test_copies_by_xarray_are_read(run: xr.Dataset, path: Path, way: str, tmp_pa
         assert copy.dynamics.events("floor").sizes["event"] == 2
 
 
+def test_bounds_have_the_unit_of_what_they_bound(run: xr.Dataset) -> None:
+    """Assert units of a table's bracket, and that a time without its bounds beside it names none."""
+    units = run.dynamics.frame("event").attrs["units"]
+    assert units["event_time_bounds_lower"] == units["event_time_bounds_upper"] == units["event_time"] == "s"
+    states = xd.simulate(xd.Model.from_toml("data/models/bouncing_ball.toml"), until="1 s", times=[0.2, 0.8])
+    tables = (run.dynamics.events("floor"), run.dynamics.tree()["events"].dataset, states)
+    assert all("bounds" not in table.event_time.attrs for table in tables if "event_time" in table)
+
+
 def rows(run: xr.Dataset, wanted: Any) -> xr.Dataset:
     """Return some rows of a run."""
     return run.isel(step=wanted)

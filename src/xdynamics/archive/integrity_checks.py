@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from xdynamics.archive.declared_sizes import declared, foreign, oversize
 from xdynamics.archive.inventory import Inventory, inventory
@@ -16,7 +16,7 @@ from xdynamics.archive.seals import Tail, digests_in, letters_of, root_digest, s
 from xdynamics.archive.text_encoding import bytes_of, form_of
 from xdynamics.faults import ArchiveError, numbered
 from xdynamics.record.variable_attributes import own_attributes
-from xdynamics.schema import DIGEST, DIGESTS, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
+from xdynamics.schema import DIGEST, DIGESTS, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of, is_former
 
 AT_ONCE = (
     1_000_000  # bytes of a file that is compared while no other thread is in the library: some hundredths of a second
@@ -113,24 +113,24 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
     if SEALED in attributes and tail == Tail():
         faults.append("its seal is missing: the end of the file is cut off or overwritten")
     missing = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in attributes]
-    digests: dict[str, str] = {}
-    own: dict[str, dict[str, Any]] = {}
-    dims: dict[str, tuple[str, ...]] = {}
+    stated, noted = digests_in(attributes), dict[str, _Stored]()
     differing = [
         f"variable '{name}' {fault}"
         for name in file.variables
-        if (fault := _fault_of(name, file.variables, digests, own, dims, digests_in(attributes)))
+        if (fault := _fault_of(name, file.variables, stated, noted))
     ]
-    stated = digests_in(attributes)
     if DIGESTS in attributes and {*stated} != {*file.variables}:
         differing.append("the variables are not those that the file states digests of")
-    about = {name: (along, own[name].get("role")) for name, along in dims.items()}
-    named = {name: coordinates_of(name, about, str(attributes.get("Conventions", ""))) for name in about}
-    differing += [
-        f"variable '{name}' is not stored as it was written"
-        for name, coordinates in named.items()
-        if attributes_of(file.variables[name]).get("coordinates", coordinates) != coordinates
-    ]
+    if len(noted) == len(file.variables):  # else what could not be read would be missing among the coordinates
+        about = {name: (stored.dims, stored.attributes.get("role")) for name, stored in noted.items()}
+        named = {name: coordinates_of(name, about, former=is_former(attributes)) for name in about}
+        differing += [
+            f"variable '{name}' is not stored as it was written"
+            for name, stored in noted.items()
+            if stored.coordinates not in (None, named[name])
+        ]
+    digests = {name: stored.digest for name, stored in noted.items()}
+    own = {name: stored.attributes for name, stored in noted.items()}
     faults += missing + differing
     if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
         faults.append("the attributes differ from the content digest")
@@ -139,34 +139,36 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
     return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
 
 
-def _fault_of(
-    name: str,
-    variables: Mapping[str, Any],
-    digests: dict[str, str],
-    own: dict[str, dict[str, Any]],
-    along: dict[str, tuple[str, ...]],
-    stated: Mapping[str, str],
-) -> str:
-    """Compare one of a file's variables with its digest, and note its digest, attributes and dims; return its fault."""
+class _Stored(NamedTuple):
+    """What a file holds of a variable: its digest, its own attributes, its dims without letters, and its coordinates."""
+
+    digest: str
+    attributes: dict[str, Any]
+    dims: tuple[str, ...]
+    coordinates: str | None
+
+
+def _fault_of(name: str, variables: Mapping[str, Any], stated: Mapping[str, str], noted: dict[str, _Stored]) -> str:
+    """Compare one of a file's variables with its digest, and note what it holds; return its fault."""
     variable = variables[name]
     try:
-        digests[name] = stored_digest(variable)
+        digest = stored_digest(variable)
         attributes = attributes_of(variable)
         dims, shape, dtype = alone(lambda: (variable.dimensions, variable.shape, variable.dtype))()
         form, is_text = form_of(attributes, dtype, dims, shape), dtype == "S1"
         text = read(variable, ...).tobytes() if is_text else b""
     except DAMAGE as error:
         return f"cannot be read: {words_of(error)}"
+    further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
+    own_dims = dims[:-1] if further else dims
+    noted[name] = _Stored(digest, own_attributes(attributes), own_dims, attributes.get("coordinates"))
     try:
         text.decode()
     except UnicodeDecodeError as error:
         return f"is no text in UTF-8: {error.reason} at {error.start}"
-    own[name] = own_attributes(attributes)
-    if stated.get(name, attributes.get(DIGEST)) != digests[name]:
+    if stated.get(name, attributes.get(DIGEST)) != digest:
         return "differs from its digest"
-    further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
-    own_dims = along[name] = dims[:-1] if further else dims
-    added = is_text and attributes.get("_Encoding", "utf-8") != "utf-8"
-    if added or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
+    recoded = is_text and attributes.get("_Encoding", "utf-8") != "utf-8"
+    if recoded or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
         return "is not stored as it was written"
     return ""

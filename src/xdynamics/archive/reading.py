@@ -27,7 +27,7 @@ from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import FORMER, FORMER_SCHEMAS, ROOT_DIGEST, SCHEMA_VERSION, SEALED
+from xdynamics.schema import FORMER_SCHEMAS, ROOT_DIGEST, SCHEMA_VERSION, SEALED, is_former
 
 if TYPE_CHECKING:
     import netCDF4
@@ -216,7 +216,7 @@ def check_schema(
     ArchiveError
     """
     schema = str(attributes.get("schema_version", SCHEMA_VERSION))
-    known = FORMER_SCHEMAS if FORMER in str(attributes.get("Conventions", "")).split() else int(SCHEMA_VERSION)
+    known = FORMER_SCHEMAS if is_former(attributes) else int(SCHEMA_VERSION)
     if not (schema.isdecimal() and int(schema) <= known):
         writer = attributes.get("xdynamics_version", "of unknown version")
         raise ArchiveError(

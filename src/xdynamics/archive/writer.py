@@ -24,13 +24,13 @@ from xdynamics.schema import (
     COMPRESSION_WORDS,
     DIGEST,
     DIGESTS,
-    FORMER,
     ROOT_DIGEST,
     SEAL_WORDS,
     SEALED,
     STEP_NUMBER,
     VOLATILE_DIGEST,
     coordinates_of,
+    is_former,
 )
 
 if TYPE_CHECKING:
@@ -204,10 +204,10 @@ class Writer:
         kept.pop(COMPRESSION, None)
         if self._packed:
             kept[COMPRESSION] = COMPRESSION_WORDS
-        digests, former = self.digests(), FORMER in str(attributes.get("Conventions", ""))
+        digests, former = self.digests(), is_former(attributes)
         about = {name: (seal.dims, self._attributes[name].get("role")) for name, seal in self._seals.items()}
         for name, own in self._attributes.items():
-            coordinates = coordinates_of(name, about, str(attributes.get("Conventions", "")))
+            coordinates = coordinates_of(name, about, former=former)
             kept_as = {"coordinates": coordinates} if coordinates else {}
             self._file.variables[name].setncatts(own | kept_as | ({DIGEST: digests[name]} if former else {}))
         if not former:

@@ -29,7 +29,7 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
 from xdynamics.record.folding import unlabelled
 from xdynamics.record.partial_records import is_evidence, left_out_atols, with_article
-from xdynamics.record.schemas import in_words_of_today, is_former
+from xdynamics.record.schemas import in_words_of_today
 from xdynamics.record.unfolding import as_recorded, whole_of
 from xdynamics.schema import (
     AT,
@@ -43,6 +43,7 @@ from xdynamics.schema import (
     SELECTION_OF,
     STEPS,
     SWEEP,
+    is_former,
 )
 
 if TYPE_CHECKING:
@@ -266,7 +267,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         left_out = {**left_out_atols(attributes), **result.left_out_atol}
         attributes |= {SELECTION: before + result.selected, SELECTION_OF: attributes.get(SELECTION_OF, result.of)}
         attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
-        if is_former(run):  # numbers of rows and what names them go with a selection
+        if is_former(attributes):  # numbers of rows and what names them go with a selection
             run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
     declared = run.copy(deep=False)
     declared.attrs = attributes
@@ -329,7 +330,7 @@ def _tables(run: xr.Dataset) -> list[str]:
     if "model_toml" not in run.variables:
         return []
     try:
-        drives = parsed(str(run["model_toml"].values.item()), recorded=True).get("drives", {})
+        drives = parsed(run["model_toml"].values.item(), recorded=True).get("drives", {})
         return [str(drive["csv"]) for drive in drives.values() if "csv" in drive]
     except (ValueError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model

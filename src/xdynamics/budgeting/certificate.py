@@ -291,7 +291,7 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
     """
     original = certificate_of(certificate)
     attributes = original.attrs
-    model = Model.from_record(str(original["model_toml"].values.item()), functions=functions)
+    model = Model.from_record(original["model_toml"].values.item(), functions=functions)
     place: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
     if attributes["event"]:
         place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}

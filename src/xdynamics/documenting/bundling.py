@@ -91,7 +91,7 @@ def bundle(
     record = certificates.certificate_of(certificate)
     target = placed(folder)
     store_of(target).check_empty(target)
-    model = Model.from_record(str(record["model_toml"].values.item()), functions=functions)
+    model = Model.from_record(record["model_toml"].values.item(), functions=functions)
     run = own_run(model, json.loads(str(record.attrs["asked"])))
     digest, wanted = archive.digest_of_run(run), str(record["run_digest"].values[0])
     if digest != wanted:

@@ -69,7 +69,7 @@ def document(folder: Given, path: Given) -> Place:
         archive.open_run(bundle / RUN) as run,
         archive.open_run(bundle / LEDGER) as ledger,
     ):
-        model = Model.from_record(str(certificate["model_toml"].values.item()))
+        model = Model.from_record(certificate["model_toml"].values.item())
         sections = [
             _result(certificate),
             _budget(certificate, _picture(bundle / CERTIFICATE)),

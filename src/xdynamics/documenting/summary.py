@@ -324,7 +324,10 @@ def _events(run: xr.Dataset) -> Iterator[str]:
 
 
 def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
-    doubt, row = float(run["event_time_uncertainty"][i]), int(places_of(run, run["event_row_before"].values[i]))
+    doubt, row = (
+        float(run["event_time_uncertainty"][i]),
+        int(places_of(run, run["event_row_before"].values[i : i + 1])[0]),
+    )
     moving = _moving(run)
     involved = _involved(run, moving, i) if len(moving) > MOST_SHOWN else moving
     state = ", ".join(_values(run, moving, involved, row)) if row >= 0 else "its rows are not in this selection"

@@ -46,3 +46,35 @@ def check_steps_meet(where: Floats, steps: Floats, near: float, unit: str, every
             f"rows are missing between t = {starts[i]:.15g}{unit} and {ends[i]:.15g}{unit}: the step to the later one"
             f" is {steps[i]:.15g}{unit}; sample the whole record, and choose among its rows afterwards"
         )
+
+
+def check_rows_follow(where: Floats, numbers: xr.Variable, unit: str) -> None:
+    """Refuse steps between whose ends a row of the march was left out, like the one behind an event.
+
+    Parameters
+    ----------
+    where : ndarray
+        Wanted times, the starts and ends of their steps, and the rows where these start.
+    numbers : xarray.Variable
+        `step_number`, of which those rows are read.
+
+    Raises
+    ------
+    InputError
+        Naming the first such times.
+    """
+    times, starts, ends, places = map(np.atleast_1d, where)
+    rows = places.astype(np.int64)
+    own, following = (
+        np.asarray(numbers.isel({schema.STEPS: chosen}).values)
+        for chosen in (rows, np.minimum(rows + 1, numbers.size - 1))
+    )
+    apart = np.flatnonzero((following - own > 1) & (times > starts))
+    if apart.size:
+        i = int(apart[0])
+        count = int(following[i] - own[i]) - 1
+        missing = "a row is" if count == 1 else f"{count} rows are"
+        raise InputError(
+            f"{missing} missing between t = {starts[i]:.13g}{unit} and {ends[i]:.13g}{unit}; sample the whole record, and"
+            " choose among its rows afterwards"
+        )

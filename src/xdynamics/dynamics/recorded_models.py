@@ -12,7 +12,7 @@ from xdynamics.model import Model
 
 def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
     """Return the model of a record, cached."""
-    return _model_of(str(run.variables["model_toml"].values.item()), tuple((functions or {}).items()))
+    return _model_of(run.variables["model_toml"].values.item(), tuple((functions or {}).items()))
 
 
 @lru_cache(maxsize=16)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.dynamics.accepted_times import AcceptedTimes, located
-from xdynamics.dynamics.left_out_rows import check_steps_meet, slack
+from xdynamics.dynamics.left_out_rows import check_rows_follow, check_steps_meet, slack
 from xdynamics.dynamics.recorded_links import RowLinks, links_read, row_links
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.dynamics.stacked_columns import blockwise, stacked, step_columns, values_along
@@ -315,7 +315,9 @@ class Inside:
         """
         every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run.variables["time"].attrs["units"]))
         check_steps_meet(where[:3], columns[0], slack(self.run), unit, every)
-        self._check_consecutive(where, every, unit)
+        numbers = self.run.variables.get(schema.STEP_NUMBER.name)
+        if numbers is not None and not is_chunked(numbers) and every == 1:
+            check_rows_follow(where, numbers, unit)
         reintegrated = self.rule == REINTEGRATE
         return states_within(
             self.model,
@@ -330,27 +332,6 @@ class Inside:
             links=None if links is None else links.at(where[3]),
             **more,
         )
-
-    def _check_consecutive(self, where: Floats, every: int, unit: str) -> None:
-        """Refuse steps between whose ends a row of the march is missing, as that behind an event is where it was left out.
-
-        Raises
-        ------
-        InputError
-            Naming the first.
-        """
-        numbers = self.run.variables.get(schema.STEP_NUMBER.name)
-        if numbers is None or is_chunked(numbers) or every > 1:
-            return
-        own, rows = np.asarray(numbers.values), np.atleast_1d(where[3]).astype(np.int64)
-        left_out = own[np.minimum(rows + 1, own.size - 1)] - own[rows]
-        if (apart := np.flatnonzero((left_out > 1) & (where[0] > where[1]))).size:
-            start, end = (float(np.atleast_1d(times)[apart[0]]) for times in where[1:3])
-            count = left_out[apart[0]] - 1
-            raise InputError(
-                f"{'a row is' if count == 1 else f'{count} rows are'} missing between t = {start:.13g}{unit} and {end:.13g}{unit}; sample the whole"
-                " record, and choose among its rows afterwards"
-            )
 
     @cached_property
     def _past(self) -> Past:

@@ -53,7 +53,7 @@ def place_in(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
         raise InputError(
             f"row {at!r} is not among the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
         )
-    return Model.from_record(str(run["model_toml"].values.item())), int(at)
+    return Model.from_record(run["model_toml"].values.item()), int(at)
 
 
 def _recorded(run: xr.Dataset, name: str, row: int) -> float:

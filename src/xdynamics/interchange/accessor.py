@@ -14,12 +14,13 @@ from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
 from xdynamics.interchange.solution import Solution, solution
 from xdynamics.interchange.time_notes import show_time_notes
-from xdynamics.interchange.tree import tree
+from xdynamics.interchange.tree import ENDS, states_on_side, tree
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
-from xdynamics.schema import BOUNDS, EVENTS, OF_MOTION, STEPS
+from xdynamics.record.variable_attributes import without_bounds
+from xdynamics.schema import BOUNDS, EVENT_BOUNDS, EVENTS, OF_MOTION, STEPS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +34,6 @@ teach()  # whoever imported pint-xarray too
 show_pages()
 show_time_notes()
 
-ENDS = ("lower", "upper")
 OF_STATES = (*OF_MOTION, "acceleration")
 
 
@@ -103,19 +103,12 @@ class Dynamics:
             "event_name": ((EVENTS,), names[rows], about("1", "event, contact or friction element", "name"))
         }
         variables |= {
-            variable: ((EVENTS,), run[variable].values[rows], run[variable].attrs)
+            variable: ((EVENTS,), run[variable].values[rows], without_bounds(run[variable].attrs))
             for variable in ("event_time", *wanted)
         }
         for side in ("before", "after"):
-            places = rows_of_events(run, side, rows)
-            for variable in map(str, run.data_vars):
-                if run[variable].dims == (STEPS,) and run[variable].attrs.get("role") in OF_STATES:
-                    attributes = about(
-                        str(run[variable].attrs["units"]),
-                        f"{variable} {side} the event",
-                        str(run[variable].attrs["role"]),
-                    )
-                    variables[f"{side}_{variable}"] = ((EVENTS,), run[variable].values[places], attributes)
+            states = states_on_side(run, side, rows_of_events(run, side, rows), OF_STATES)
+            variables |= {word: (own.dims, own.data, own.attrs) for word, own in states.items() if own.ndim == 1}
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
         return self._in_kind(exhibit("events", title, [digest_of_run(run)], variables, {}))
 
@@ -152,7 +145,8 @@ class Dynamics:
                 {str(name): cells} if item.ndim == 1 else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
             )
             columns |= parts
-            units |= dict.fromkeys(parts, str(item.attrs.get("units", "1")))
+            about_units = run["event_time"] if name == EVENT_BOUNDS else item
+            units |= dict.fromkeys(parts, str(about_units.attrs.get("units", "1")))
         first = [item for item in ("time", "at_time", f"{dim}_time") if item in columns]
         table = pd.DataFrame({item: columns[item] for item in (*first, *(c for c in columns if c not in first))})
         table.index.name = dim

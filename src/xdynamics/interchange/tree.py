@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics.evidence.evidence_dataset import about
 from xdynamics.record.named_rows import rows_named
+from xdynamics.record.variable_attributes import without_bounds
 from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, OF_MOTION, SAMPLES, STEPS, TRIALS
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     import xarray as xr
+    from numpy.typing import NDArray
 
 # the node of each dimension of a record, and what its events are shown with on either side
 NODES = {STEPS: "steps", TRIALS: "trials", EVENTS: "events", SAMPLES: "samples", CLOSED_LINKS: "closed"}
@@ -43,15 +48,18 @@ def tree(run: xr.Dataset) -> xr.DataTree:
         if dim is None:
             root[name] = variable
         elif name == EVENT_BOUNDS:
-            about = {key: run["event_time"].attrs[key] for key in ("units", "role") if key in run["event_time"].attrs}
+            unit = str(run["event_time"].attrs["units"])
             for k, end in enumerate(ENDS):
-                told = about | {"long_name": f"{end} end of the bracket of the event's time"}
-                own[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable((EVENTS,), variable.isel({BOUNDS: k}).data, told)
+                described = about(unit, f"{end} end of the bracket of the event's time", "event")
+                own[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable(
+                    (EVENTS,), variable.isel({BOUNDS: k}).data, described
+                )
         else:
             own[str(dim)][name] = variable.copy(deep=False)
-            own[str(dim)][name].attrs.pop("bounds", None)
+            own[str(dim)][name].attrs = without_bounds(variable.attrs)
     if {STEPS, EVENTS} <= {*own}:
-        own[EVENTS] |= _on_both_sides(run)
+        for side in ("before", "after"):
+            own[EVENTS] |= states_on_side(run, side, rows_named(run, f"event_row_{side}"))
     nodes = {f"/{NODES[dim]}": _table(variables, run) for dim, variables in own.items()}
     whole = xr.Dataset(root, attrs=run.attrs).set_coords([name for name in root if name in run.coords])
     return xr.DataTree.from_dict({"/": whole, **nodes})
@@ -64,18 +72,27 @@ def _table(variables: dict[Any, Any], run: xr.Dataset) -> xr.Dataset:
     return made.set_coords([name for name in variables if name in run.coords])
 
 
-def _on_both_sides(run: xr.Dataset) -> dict[str, Any]:
-    """Return what states are before and after every event."""
+def states_on_side(
+    run: xr.Dataset, side: str, places: NDArray[np.int64], roles: Collection[str] = ON_SIDES
+) -> dict[str, xr.Variable]:
+    """Return what is known of the rows ``before`` or ``after`` some events, along `event`, as ``before_y``.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    side : {"before", "after"}
+    places : ndarray of int
+        Of these rows in the record; what is at -1 is nan.
+    roles : collection of str
+        Of the variables that are wanted.
+    """
     import xarray as xr
 
-    found = {}
-    for side in ("before", "after"):
-        places = rows_named(run, f"event_row_{side}")
-        for name, variable in run.variables.items():
-            if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in ON_SIDES:
-                values = np.asarray(variable.isel({STEPS: np.maximum(places, 0)}).values)
-                values = np.where((places >= 0).reshape(-1, *(1,) * (values.ndim - 1)), values, np.nan)
-                told = {key: entry for key, entry in variable.attrs.items() if key in ("units", "role")}
-                told |= {"long_name": f"{name} {side} the event"}
-                found[f"{side}_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), values, told)
-    return found
+    states, missing = {}, places < 0
+    for name, variable in run.variables.items():
+        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in roles:
+            values = np.array(variable.isel({STEPS: np.maximum(places, 0)}).values)
+            values[missing] = np.nan
+            described = about(str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"]))
+            states[f"{side}_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), values, described)
+    return states

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.reaction_names import JOINT
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.named_rows import places_among
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.partial_records import is_run, is_whole
 from xdynamics.record.schemas import in_words_of
 from xdynamics.record.variable_attributes import plain
@@ -97,7 +97,7 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
     faults += [f"variable {str(name)!r} {fault}" for name, listed in variable_faults.items() for fault in listed]
     # values are checked only of variables without faults
     sound = {str(name): run.variables[name] for name, listed in variable_faults.items() if not listed}
-    faults += _rows(sound) if whole else ()  # a selection's events name rows of the whole run
+    faults += _rows(run, sound) if whole else ()  # a selection's events name rows of the whole run
     return [*faults, *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
 
 
@@ -213,15 +213,13 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
             yield f"attribute '{name}' is {_short(value)}, needs a text, a number or an array of numbers"
 
 
-def _rows(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
-    if STEP_NUMBER.name not in sound:
-        return
-    own = np.asarray(sound[STEP_NUMBER.name].values)
+def _rows(run: xr.Dataset, sound: Mapping[str, xr.Variable]) -> Iterator[str]:
     for name in ("event_row_before", "event_row_after"):
-        named_rows = np.asarray(sound[name].values) if name in sound else np.zeros(0, np.int64)
-        wrong = np.flatnonzero(places_among(own, named_rows) < 0)
-        if wrong.size:
-            yield f"variable '{name}' names row {named_rows[wrong[0]]} at event {wrong[0]}, and there are {own.size}"
+        if {name, STEP_NUMBER.name} <= {*sound}:
+            wrong = np.flatnonzero(rows_named(run, name) < 0)
+            if wrong.size:
+                row, rows = sound[name].values[wrong[0]], run.sizes[STEPS]
+                yield f"variable '{name}' names row {row} at event {wrong[0]}, and there are {rows}"
 
 
 def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[str]:

@@ -17,8 +17,15 @@ if TYPE_CHECKING:
 
 def places_of(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
     """Return the places, among a record's rows, of the rows of given numbers; -1 of those that it has not."""
-    own = run.variables[STEP_NUMBER.name].values if STEP_NUMBER.name in run.variables else np.zeros(0, np.int64)
-    return places_among(own, numbers)
+    wanted = np.asarray(numbers, np.int64)
+    if STEP_NUMBER.name not in run.variables:
+        return np.full(wanted.shape, -1, np.int64)
+    own = run.variables[STEP_NUMBER.name]
+    if own.ndim and own.size and ((wanted >= 0) & (wanted < own.size)).all():
+        there = np.asarray(own.isel({own.dims[0]: wanted.ravel()}).values).reshape(wanted.shape)
+        if (there == wanted).all():  # as in a whole run, of which no other number is read
+            return wanted
+    return places_among(own.values, wanted)
 
 
 def places_among(own: Any, numbers: Any) -> NDArray[np.int64]:
@@ -26,8 +33,6 @@ def places_among(own: Any, numbers: Any) -> NDArray[np.int64]:
     own, wanted = np.atleast_1d(np.asarray(own)), np.asarray(numbers, np.int64)
     if not own.size:
         return np.full(wanted.shape, -1, np.int64)
-    if own[0] == 0 and own[-1] == own.size - 1 and np.array_equal(own, np.arange(own.size)):
-        return np.where((wanted >= 0) & (wanted < own.size), wanted, -1)
     order = np.argsort(own, kind="stable")
     places: NDArray[np.int64] = order[np.minimum(np.searchsorted(own, wanted, sorter=order), own.size - 1)]
     return np.where(own[places] == wanted, places, -1)

@@ -73,7 +73,7 @@ def is_of_model(run: xr.Dataset, model: Model) -> bool:
     if run.attrs.get("model_digest") == model.digest:
         return True
     with suppress(InputError, KeyError):  # of functions that are not those of this model; of what was left out
-        own = Model.from_record(str(run["model_toml"].values.item()), functions=model.functions)
+        own = Model.from_record(run["model_toml"].values.item(), functions=model.functions)
         return own.digest == run.attrs["model_digest"] and model_words(own) == model_words(model)
     return False
 

@@ -17,12 +17,12 @@ from xdynamics.schema import (
     DOCUMENT,
     EVENT_BOUNDS,
     EVIDENCE,
-    FORMER,
     STEP_NUMBER,
     STEPS,
     SWEEP,
     TEXT_NAMES,
     is_coordinate,
+    is_former,
 )
 
 if TYPE_CHECKING:
@@ -37,18 +37,13 @@ NAMES_ROWS = ("event_row_before", "event_row_after", "trial_step", "sample_step"
 MADE = "made"  # entry of the encoding of a variable that a record of the former schema has not
 
 
-def is_former(run: Any) -> bool:
-    """Whether a record is of the former schema."""
-    return FORMER in str(getattr(run, "attrs", {}).get("Conventions", "")).split()
-
-
 def modern(run: xr.Dataset) -> xr.Dataset:
     """Return an opened record in the words of today; what describes a run is a coordinate.
 
     Whether it is of the former schema is said by its attributes, as before.
     """
     of_run = EVIDENCE not in run.attrs
-    if is_former(run):
+    if is_former(run.attrs):
         if run.attrs.get(EVIDENCE) != SWEEP:
             run = _with_texts(run, along_document)
         if STEPS in run.dims and of_run:
@@ -68,7 +63,7 @@ def modern(run: xr.Dataset) -> xr.Dataset:
 
 def as_written(run: xr.Dataset) -> xr.Dataset:
     """Return a record in the words of its schema; the reverse of `modern`."""
-    if not is_former(run):
+    if not is_former(run.attrs):
         return run
     run = _with_texts(run, lambda text: text.isel({DOCUMENT: 0}) if text.dims == (DOCUMENT,) else text)
     if STEP_NUMBER.name not in run.variables:
@@ -132,7 +127,7 @@ def _numbered(run: xr.Dataset) -> xr.Dataset:
 
 def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable]:
     """Return what a schema asks of every record, as that of a record has it, in its file or opened."""
-    if not is_former(run):
+    if not is_former(run.attrs):
         return [*variables]
     texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
     known = [variable for variable in variables if variable.name != STEP_NUMBER.name or variable.name in run.variables]

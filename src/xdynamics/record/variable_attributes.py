@@ -16,6 +16,11 @@ def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     return {str(key): value for key, value in attributes.items() if key not in kept_as}
 
 
+def without_bounds(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the attributes of a time beside which its bounds do not stand."""
+    return {str(key): value for key, value in attributes.items() if key != "bounds"}
+
+
 def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     """Return attributes as plain values, the same in memory and from a file, where an array of one is a number."""
     return {str(key): _plain(value) for key, value in attributes.items()}

@@ -82,7 +82,7 @@ def complete(
     with kept_run(run, path, "complete") as kept:
         if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
             raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
-        model = Model.from_record(str(kept["model_toml"].values.item()), functions=functions)
+        model = Model.from_record(kept["model_toml"].values.item(), functions=functions)
         settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
         whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
         # of a quantity some elements may have been kept: element by element only where whole ones differ

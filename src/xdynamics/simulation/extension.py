@@ -105,7 +105,7 @@ def extend(
     """
     check_destination(path, resume=resume)
     with kept_run(run, path, "extend") as kept:
-        model = Model.from_record(str(kept["model_toml"].values.item()), functions=functions)
+        model = Model.from_record(kept["model_toml"].values.item(), functions=functions)
         march = _march_on(kept, model, until, progress)
         return marched_record(march, path, _rows(kept, march), resume=resume)
 

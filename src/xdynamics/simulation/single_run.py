@@ -316,5 +316,5 @@ def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | Non
         raise InputError(
             f"the selection was saved without {' and '.join(missing)}, from which its run is marched again"
         )
-    model = Model.from_record(str(kept["model_toml"].values.item()), functions=functions)
+    model = Model.from_record(kept["model_toml"].values.item(), functions=functions)
     return simulate(model, **asked_of(kept))

@@ -16,6 +16,7 @@ from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
 from xdynamics.model import Model
 from xdynamics.record.named_rows import rows_named
+from xdynamics.record.variable_attributes import without_bounds
 from xdynamics.schema import EVENTS, OF_MOTION, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import warn_of_accuracy
 from xdynamics.units import Unit, unit_suffix
@@ -80,7 +81,8 @@ def with_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     after = rows_named(run, "event_row_after")
-    variables = {name: run.variables[name] for name in ("event_time", "event_detector")}
+    variables = {name: run.variables[name].copy(deep=False) for name in ("event_time", "event_detector")}
+    variables["event_time"].attrs = without_bounds(run.variables["event_time"].attrs)
     for name, variable in run.variables.items():
         if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION:
             attributes = {"units": variable.attrs["units"], "long_name": f"{name} after the event", "role": "event"}

@@ -165,9 +165,8 @@ class _Reading:
             inside = (self.times >= ends[0]) & (self.times <= ends[1])
             states = np.full((len(self.names), self.times.size), np.nan)
             if inside.any():
-                own = (
-                    model if str(run["model_toml"].values.item()) == model.to_toml() else None
-                )  # else of another version
+                same = run["model_toml"].values.item() == model.to_toml()
+                own = model if same else None  # else of another version
                 found = sampled(
                     run, self.times[inside], after=True, rule=REINTEGRATE, functions=self.functions, model=own
                 )

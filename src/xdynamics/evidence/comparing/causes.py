@@ -51,7 +51,7 @@ def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
 
 def _models(first: xr.Dataset, second: xr.Dataset) -> list[dict[str, Any]]:
     """Return the sections of two models; with numbers for elements, where one of them has an expression for them."""
-    texts = [str(run["model_toml"].values.item()) for run in (first, second)]
+    texts = [run["model_toml"].values.item() for run in (first, second)]
     tables = [parsed(text, recorded=True) for text in texts]
     if texts[0] != texts[1] and any("dimensions" in table for table in tables):
         with suppress(InputError):  # of Python functions, which are not at hand
