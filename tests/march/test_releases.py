@@ -151,3 +151,40 @@ def test_what_rounding_leaves_of_a_slip_that_begins_is_no_end_of_it() -> None:
     assert run.attrs["run_outcome"] == "completed"
     assert np.abs(times_of(run, "slip") - np.sort(middle - np.sqrt(excess / 300))).max() < 1e-11
     assert times_of(run, "stick").size == 30
+
+
+def test_what_rested_beside_rounding_is_let_go() -> None:
+    """Assert that a book's neighbour, at rest to 1e-22 m, says nothing of sizes when one of them begins to slip."""
+    ramp = {"gravity": {"y": "-m*g"}, "pull": {"x": "k*t"}}
+    books = xd.Model(
+        name="two books",
+        dimensions={"body": 2},
+        coordinates={name: {"unit": "m", "dims": ["body"]} for name in "xy"},
+        parameters={
+            "m": "1.3 kg",
+            "g": "9.81 m s-2",
+            "mu": "0.4",
+            "mu_s": "0.5",
+            "k": {"value": [3.0, 3.2], "unit": "N s-1", "dims": ["body"]},
+        },
+        mass={"x": "m", "y": "m"},
+        forces=ramp,
+        initial={"x": "0 m", "y": "0 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+        contacts={
+            "floor": {
+                "gap": "y",
+                "restitution": "0",
+                "tangential": "coulomb",
+                "slip": "v_x",
+                "friction": "mu",
+                "static": "mu_s",
+            }
+        },
+    )
+    run = xd.simulate(books, method="heun", until="3 s", rtol=4e-6, max_steps=50_000)
+    assert run.attrs["run_outcome"] == "completed"
+    for i, k in enumerate((3.0, 3.2)):
+        start = 0.5 * 1.3 * 9.81 / k
+        s = 3.0 - start
+        speed = k * s**2 / 2.6 + 0.1 * 9.81 * s
+        assert float(run.v_x[-1, i]) == pytest.approx(speed, rel=1e-4)

@@ -14,6 +14,7 @@ import xdynamics as xd
 from cases.problems import MODELS, particle
 from xdynamics.record import unfold
 from xdynamics.record.flag_words import words_of
+from xdynamics.sweeping.sweep_summary import lines_of
 
 BALL = MODELS / "ball_drag.toml"
 KEEP = [
@@ -578,3 +579,24 @@ def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureReques
         assert found[one].values[1, : times.size].tobytes() == sampled[one].values.tobytes(), one
         if f"maximum_{one}" in told:
             assert float(found[f"maximum_{one}"][1]) == float(told[f"maximum_{one}"]), one
+
+
+def test_what_is_told_of_failed_members_is_nan() -> None:
+    """Assert that a state at which a member failed enters no mean, that its end is known, and that the summary counts it."""
+    model = xd.Model(
+        name="blow-up",
+        states={"x": {"unit": "m", "rate": "k*x**2"}},
+        parameters={"k": "1 m-1 s-1"},
+        initial={"x": "1 m"},
+    )
+    ways = ["0.1 m-1 s-1", "10 m-1 s-1"]  # x = 1/(1 - k t)
+    found = xd.sweep(
+        model, {"k": ways}, keep=["end", "maximum_x"], method="dormand_prince", rtol=1e-8, until=1.0
+    ).compute()
+    assert found.run_outcome.values[1] not in ("completed", "stopped_by_event")
+    for name in ("end_x", "maximum_x", "maximum_x_time"):
+        assert np.isnan(found[name].values).tolist() == [False, True], name
+    assert float(found.end_x.mean()) == pytest.approx(1 / 0.9, rel=1e-6)
+    assert float(found.end_time[1]) == pytest.approx(0.1, rel=1e-3)
+    assert "nan of 1 members" in "\n".join(lines_of(found))
+    assert xd.member(found, k=10.0).attrs["run_outcome"] == str(found.run_outcome.values[1])
