@@ -63,6 +63,11 @@ HARM: dict[str, tuple[Callable[[Any], object], tuple[str, ...]]] = {
         ),
         ("variable 'x' differs from its digest", "the variables are not those that the file states digests of"),
     ),
+    "other coordinates": (
+        lambda file: file["v_x"].setncattr("coordinates", "x"),
+        ("variable 'v_x' is not stored as it was written",),
+    ),
+    "a time": (lambda file: file["time"].__setitem__(2, 7.0), ("variable 'time' differs from its digest",)),
     "no root digest": (lambda file: file.delncattr("content_digest"), ("attribute 'content_digest' is missing",)),
     "no digests": (
         lambda file: (

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -110,6 +111,15 @@ def test_copies_by_xarray_are_read(run: xr.Dataset, path: Path, way: str, tmp_pa
         for name, variable in run.variables.items():
             assert np.array_equal(copy[name].values, variable.values, equal_nan=variable.dtype.kind == "f"), name
         assert copy.dynamics.events("floor").sizes["event"] == 2
+
+
+def test_a_dropped_coordinate_is_named_no_more(path: Path, tmp_path: Path) -> None:
+    """Assert that what xarray writes of an opened run names no coordinate that was left out."""
+    xd.open_run(path).drop_vars("m").to_netcdf(tmp_path / "fewer.nc")
+    with netCDF4.Dataset(tmp_path / "fewer.nc") as file:
+        named = " ".join(getattr(variable, "coordinates", "") for variable in file.variables.values()).split()
+        assert "g" in named
+        assert "m" not in named
 
 
 def test_bounds_have_the_unit_of_what_they_bound(run: xr.Dataset) -> None:
