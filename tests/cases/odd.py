@@ -9,7 +9,7 @@ from typing import Any
 import netCDF4
 import xarray as xr
 
-from xdynamics.archive.seals import seal_file
+from xdynamics.archive.seals import seal_file, stored_digest
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.archive.writer import Writer
 from xdynamics.record.variable_attributes import own_attributes
@@ -47,3 +47,9 @@ def with_attributes(**attributes: Any) -> Callable[[xr.Dataset], None]:
                 run.attrs[name] = value
 
     return change
+
+
+def restate(file: netCDF4.Dataset, name: str) -> None:
+    """Let an open file state the digest that a variable of it has now."""
+    digests = dict(line.split() for line in file.variable_digests.splitlines())
+    file.variable_digests = "\n".join(map(" ".join, (digests | {name: stored_digest(file.variables[name])}).items()))
