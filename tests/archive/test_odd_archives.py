@@ -91,13 +91,17 @@ def test_an_odd_record_is_one_error_from_every_verb(swing: Path, tmp_path: Path,
         xd.open_run(tmp_path / "odd.nc")
 
 
+# roles of variables whose units are the record's own; the bounds of a time have none
+PLACED = (None, "time", "step_size", "trial", "event", "sample", "flag", "model", "index")
+
+
 def hostile(run: xr.Dataset) -> xr.Dataset:
     """Put characters that a terminal obeys wherever a text can stand."""
     for name in ("title", "run_outcome", "run_outcome_text", "solver_reference", "math_functions"):
         run.attrs[name] = HOSTILE
     for variable in run.variables.values():
         variable.attrs["long_name"] = HOSTILE
-        if variable.attrs["role"] not in ("time", "step_size", "trial", "event", "sample", "flag", "model"):
+        if variable.attrs.get("role") not in PLACED:
             variable.attrs["units"] = HOSTILE
     run["event_detector"].attrs["flag_meanings"] = "\x1b[31m$x_{"
     extra = {"units": "1", "long_name": "x", "role": "coordinate"}

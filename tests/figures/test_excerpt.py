@@ -41,7 +41,12 @@ def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
     assert max(reads.values()) == 1
     assert found.sizes["step"] < long.sizes["step"] / 3
     for name, variable in found.data_vars.items():
-        if variable.dims == ("step",) and variable.attrs["role"] in ("coordinate", "velocity", "energy", "reaction"):
+        if variable.dims == ("step",) and variable.attrs.get("role") in (
+            "coordinate",
+            "velocity",
+            "energy",
+            "reaction",
+        ):
             assert (variable.min(), variable.max()) == (long[name].min(), long[name].max()), name
     assert np.array_equal(found.time[found.event_row_before], long.event_time)
     assert np.array_equal(found.time, long.time[found.step])
