@@ -12,6 +12,7 @@ import xdynamics as xd
 from cases.chunked import chunked, ragged
 from cases.problems import MODELS
 from xdynamics.figures import excerpt
+from xdynamics.record.named_rows import rows_named
 
 LONG: dict[str, dict[str, Any]] = {
     "bouncing_ball": {"until": 10.0, "step": 5e-4},
@@ -48,7 +49,7 @@ def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
             "reaction",
         ):
             assert (variable.min(), variable.max()) == (long[name].min(), long[name].max()), name
-    assert np.array_equal(found.time[found.event_row_before], long.event_time)
+    assert np.array_equal(found.time[rows_named(found, "event_row_before")], long.event_time)
     assert np.array_equal(found.time, long.time[found.step])
 
 
@@ -106,7 +107,7 @@ def test_many_events_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.sizes["event"] < run.sizes["event"]
     assert found.event_impulse_y.max() == run.event_impulse_y.max()
     assert set(found.event_kind.values) == set(run.event_kind.values)
-    assert np.array_equal(found.time[found.event_row_before], found.event_time)
+    assert np.array_equal(found.time[rows_named(found, "event_row_before")], found.event_time)
 
 
 @pytest.mark.dear

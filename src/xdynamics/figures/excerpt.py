@@ -24,8 +24,7 @@ from xdynamics.figures.marks import MOST_BANDS
 from xdynamics.figures.plane import positions, read_by
 from xdynamics.model import Model
 from xdynamics.record.laziness import is_chunked
-from xdynamics.record.named_rows import rows_named
-from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import EVENTS, SAMPLES, STEP_NUMBER, STEPS, TRIALS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,6 +39,7 @@ ROOM = 1 << 26  # bytes of times that are kept: of the first and the last chunk,
 LOGARITHMIC = ("step_size", "error_norm")  # columns of which only positive values are drawn
 CLOCKS = {STEPS: "time", EVENTS: "event_time", TRIALS: "trial_time"}
 KINDS = {EVENTS: "event_detector", TRIALS: "trial_reason"}  # each is drawn by itself
+BESIDE = {STEPS: STEP_NUMBER.name, **KINDS}  # read with what is drawn
 EVENT_ROWS = ("event_row_before", "event_row_after")
 
 
@@ -118,7 +118,7 @@ def _kept(
         name for name in names if run[name].dtype.kind == "f" and run.variables[name].dims == (dim,) and name != clock
     ]
     kept: dict[str, list[Any]] = {name: [] for name in (*names, dim)}
-    read = list(dict.fromkeys([clock, *names, *([kind] if kind else [])]))
+    read = list(dict.fromkeys([clock, *names, BESIDE[dim]]))
     for part in columns.parts(*read):
         values = [_positive(part.own(name)) if name in LOGARITHMIC else part.own(name) for name in numeric]
         values += functions(part) if functions else ()
@@ -160,7 +160,7 @@ class _Shown:
     run : xarray.Dataset
     model : Model, optional
     events : ndarray of int
-        Rows at events.
+        Step numbers of rows at events.
     size : int
         How many rows the run has.
     span : float
@@ -193,9 +193,9 @@ class _Shown:
         moments = [moments_of(start, end)]
         if model is not None and model.pictured.section is not None:
             moments.append(strobes(model, start, end))
-        events = [rows_named(run, name) for name in EVENT_ROWS if name in run.variables]
-        rows = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
-        shown = cls(run, model, rows, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
+        events = [run.variables[name].values for name in EVENT_ROWS if name in run.variables]
+        numbers = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
+        shown = cls(run, model, numbers, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
         if model is not None and not model.python_functions and {"total_energy", *model.units} <= {*run.variables}:
             shown.energy = Accumulated(model)
         return shown
@@ -209,7 +209,8 @@ class _Shown:
         """Yield rows of a part, by their places in its columns."""
         time, numbers = part.columns["time"], part.numbers
         middle = np.array([0, (self.size - 1) // 2, self.size // 2, self.size - 1])  # the median of the times, too
-        yield np.flatnonzero(np.isin(numbers, np.concatenate([self.events, middle, spread(self.size)])))
+        yield np.flatnonzero(np.isin(numbers, np.concatenate([middle, spread(self.size)])))
+        yield np.flatnonzero(np.isin(part.columns[STEP_NUMBER.name], self.events))
         apart = np.diff(time)
         long = np.flatnonzero(apart * (DRAWN // 2) >= self.span)
         yield from (long, long + 1)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
+from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import STEP_NUMBER
 from xdynamics.units import unit_suffix
 
@@ -22,8 +23,9 @@ def places_of(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
         return np.full(wanted.shape, -1, np.int64)
     own = run.variables[STEP_NUMBER.name]
     if own.ndim and own.size and ((wanted >= 0) & (wanted < own.size)).all():
-        there = np.asarray(own.isel({own.dims[0]: wanted.ravel()}).values).reshape(wanted.shape)
-        if (there == wanted).all():  # as in a whole run, of which no other number is read
+        flat = wanted.ravel()
+        there = own.isel({own.dims[0]: flat}).values if is_chunked(own) else own.values[flat]
+        if np.array_equal(there, flat):  # as in a whole run, of which no other number is read
             return wanted
     return places_among(own.values, wanted)
 
