@@ -183,4 +183,4 @@ def test_an_opened_and_a_lazy_sweep_are_put_together(dim: str, tmp_path: Path) -
         name: variable.dims for name, variable in whole.data_vars.items() if name.startswith("end_")
     }
     run = xd.member(plain, v_y=15.0, vt=30.0, method="dop853")
-    assert float(run.y[-1]) == float(whole.end_y.sel({"v_y": 15.0, "vt": 30.0, "method": "dop853"}))
+    assert float(run.y[-1]) == float(whole.end_y.sel({"v_y": 15.0, "vt": 30.0, "solver_method": "dop853"}))

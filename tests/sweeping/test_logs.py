@@ -29,7 +29,7 @@ def grid(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
 def test_logs_are_what_sample_gives(grid: xr.Dataset) -> None:
     """Assert along axes and times the states of every member, nan after its end, with units."""
     opened = xd.open_logs(grid, "0:2:5 s")
-    assert dict(opened.sizes) == {"k": 2, "until": 2, "at": 5}
+    assert dict(opened.sizes) == {"k": 2, "solver_until": 2, "at": 5}
     assert opened.x.attrs["units"] == "m"
     states = xd.sample(xd.member(grid, k="2 N m-1", until="2 s"), "0:2:5 s")
     for name in ("x", "v_x"):
@@ -42,7 +42,7 @@ def test_files_are_read_when_they_are_used(grid: xr.Dataset, monkeypatch: pytest
     read = counted(monkeypatch)
     lazy = xd.open_logs(grid, [0.5, 1.0])
     assert read == []
-    lazy.isel(k=0, until=0).compute()
+    lazy.isel(k=0, solver_until=0).compute()
     assert len(read) == 1
 
 
@@ -92,8 +92,8 @@ def test_who_reads_for_another_need_not_examine_again(grid: xr.Dataset, monkeypa
 def test_logs_of_a_part_are_those_of_its_members(grid: xr.Dataset) -> None:
     """Assert the same numbers of a part, its axes turned round or one of them gone."""
     whole = xd.open_logs(grid, [0.5, 1.0])
-    turned = xd.open_logs(grid.transpose("until", "k"), [0.5, 1.0])
-    assert turned.x.transpose("k", "until", "at").values.tolist() == whole.x.values.tolist()
+    turned = xd.open_logs(grid.transpose("solver_until", "k"), [0.5, 1.0])
+    assert turned.x.transpose("k", "solver_until", "at").values.tolist() == whole.x.values.tolist()
     assert xd.open_logs(grid.isel(k=1), [0.5, 1.0]).x.values.tolist() == whole.x[1].values.tolist()
 
 
@@ -106,7 +106,7 @@ def test_a_run_that_is_hurt_is_named(tmp_path: Path) -> None:
     lazy = xd.open_logs(tmp_path / "grid", [0.5], names=["x"])
     lazy.isel(k=1).compute()
     with pytest.raises(xd.ArchiveError, match=f"{file.name}' is damaged or no run archive"):
-        lazy.isel(k=0, until=0).compute()
+        lazy.isel(k=0, solver_until=0).compute()
 
 
 def test_what_has_no_logs_is_refused(grid: xr.Dataset) -> None:

@@ -38,12 +38,12 @@ def test_members_are_the_runs_that_are_marched_alone() -> None:
     swept = xd.sweep(SWING, AXES, keep=kept, times=["0.33 s"], check=1.0, **UNTIL).compute()
     for precision, k, step in CELLS:
         run = alone(precision, k, step)
-        cell = swept.sel(precision=precision, k=float(k.split()[0]), step=float(step.split()[0]))
+        cell = swept.sel(solver_precision=precision, k=float(k.split()[0]), solver_step=float(step.split()[0]))
         assert str(cell.run_digest.values) == digest_of_end(run, ["x", "v_x"])
         assert float(cell.x[0]) == float(xd.sample(run, ["0.33 s"]).x[0])
         assert float(cell.event_time_middle) == float(run.event_time[0])
         assert float(cell.maximum_x) == float(xd.diagnose(run, companion=False).maximum_x)
-    assert (swept.x.sel(precision=BOTH[0]) != swept.x.sel(precision=BOTH[1])).any()
+    assert (swept.x.sel(solver_precision=BOTH[0]) != swept.x.sel(solver_precision=BOTH[1])).any()
 
 
 def test_values_keep_the_digits_that_were_written(tmp_path: Path) -> None:

@@ -35,7 +35,9 @@ def test_rows_of_many_runs_are_saved_and_opened(rows: xr.Dataset, tmp_path: Path
     xd.save(rows, tmp_path / "rows.nc")
     assert xd.verify(tmp_path / "rows.nc") == xd.content_digest(rows)
     with xd.open_run(tmp_path / "rows.nc") as kept, xd.open_run(tmp_path / "rows.nc", chunks={"row": 7}) as chunked:
-        assert_same_bits(kept.assign(run_method=kept.run_method.astype(rows.run_method.dtype)), rows)
+        assert_same_bits(
+            kept.assign(run_solver_method=kept.run_solver_method.astype(rows.run_solver_method.dtype)), rows
+        )
         assert [*kept.coords] == ["time"]
         assert len(chunked.y.chunks[0]) > 2
         xd.save(chunked, tmp_path / "again.nc")
@@ -62,7 +64,7 @@ def test_lazy_rows_are_described_and_saved_as_many_as_there_are(
     assert xd.verify(tmp_path / "rows.nc") == xd.content_digest(rows)
     xd.save(exact.compute(), tmp_path / "rows.nc")
     with xd.open_run(tmp_path / "rows.nc") as kept:
-        assert_same_bits(kept, rows.drop_vars("run_method"))
+        assert_same_bits(kept, rows.drop_vars("run_solver_method"))
 
 
 @pytest.mark.parametrize("sizes", [None, {"step": 5}, {"row": 0}, {"row": True}, 5])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, ROOT
 from cases.stages import assert_described, assert_same_bits, no_march
 from xdynamics.evidence.stages import is_lazy
 from xdynamics.record.flag_words import words_of
@@ -50,7 +52,7 @@ def test_slopes_are_those_of_the_closed_form(free: xr.Dataset) -> None:
     """Assert d end_y/d v = t and d end_y/d g = -t^2/2, lazily, with their units."""
     found = xd.sensitivities(free)
     assert found.slope_end_y_v_y.chunks is not None
-    verlet = found.sel({"method": "velocity_verlet"}).compute()
+    verlet = found.sel({"solver_method": "velocity_verlet"}).compute()
     np.testing.assert_allclose(verlet.slope_end_y_v_y, END, rtol=1e-11)
     np.testing.assert_allclose(verlet.slope_end_y_g, -(END**2) / 2, rtol=1e-11)
     assert found.slope_end_y_v_y.attrs["units"] == "s"
@@ -61,10 +63,10 @@ def test_where_two_methods_part(free: xr.Dataset) -> None:
     """Assert the difference of Euler-Cromer from Verlet, -g h t/2, lazily, and zero for the reference itself."""
     found = xd.contrast(free, "method", reference="velocity_verlet")
     assert found.difference_end_y.chunks is not None
-    apart = found.difference_end_y.sel({"method": "euler_cromer"}).compute()
+    apart = found.difference_end_y.sel({"solver_method": "euler_cromer"}).compute()
     expected = -found.g * 0.01 * END / 2
     np.testing.assert_allclose(apart, expected.broadcast_like(apart).transpose(*apart.dims), rtol=1e-9)
-    assert not found.difference_end_y.sel({"method": "velocity_verlet"}).any()
+    assert not found.difference_end_y.sel({"solver_method": "velocity_verlet"}).any()
     assert not found.outcome_differs.any()
 
 
@@ -75,7 +77,7 @@ def test_what_changes_an_outcome(thrown: xr.Dataset) -> None:
     told = (grid.run_outcome == "stopped_by_event").values
     assert (told == stopped[..., None]).mean() > 0.9  # of the rest the end is that of the flight
     found = xd.influences(grid)
-    assert found.axis_name.values.tolist() == ["v_y", "g", "method"]
+    assert found.axis_name.values.tolist() == ["v_y", "g", "solver_method"]
     shares = [np.mean(np.diff(told, axis=k) != 0) for k in range(3)]
     assert found.outcome_changes.values.tolist() == shares
     assert shares[0] > shares[2]
@@ -146,8 +148,8 @@ def test_evidence_of_grids_is_saved(tmp_path: Any, free: xr.Dataset) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda grid: xd.contrast(grid, "m"), "the sweep has no axis 'm'; there are v_y, g, method"),
-        (lambda grid: xd.contrast(grid, "method", reference="heun"), "axis 'method' has no 'heun'"),
+        (lambda grid: xd.contrast(grid, "m"), "the sweep has no axis 'm'; there are v_y, g, solver_method"),
+        (lambda grid: xd.contrast(grid, "method", reference="heun"), "axis 'solver_method' has no 'heun'"),
         (lambda grid: xd.convergence(grid, "g"), "'g' has 3 values of a parameter, needs 3 or more of step or rtol"),
         (lambda grid: xd.sensitivities(grid.isel(v_y=[0], g=[0])), "no axis of the sweep has two numbers"),
         (lambda _: xd.influences(xr.Dataset()), "Dataset is no sweep"),
@@ -230,3 +232,58 @@ def test_lazy_indices_have_the_numbers_of_eager_ones() -> None:
     eager = xd.sobol_indices(falling(), ranges, "end_y", **asked)
     assert_described(stage, eager)
     assert_same_bits(stage, eager)
+
+
+def test_axes_of_settings_are_called_as_in_a_record() -> None:
+    """Assert dimensions that collide with no keyword of xarray, and both words for them in questions to a sweep."""
+    axes = {"method": ["rk4", "velocity_verlet"], "step": "40, 20, 10 ms", "g": "9:11:2 m s-2"}
+    grid = xd.sweep(falling(), axes, until=END, keep=["end"]).compute()
+    assert dict(grid.sizes) == {"solver_method": 2, "solver_step": 3, "g": 2}
+    assert grid.sel(solver_method="rk4", g=9.0).end_y.dims == ("solver_step",)
+    for words in ("method", "step"), ("solver_method", "solver_step"):
+        method, step = words
+        xr.testing.assert_identical(xd.convergence(grid, step), xd.convergence(grid, "step"))
+        xr.testing.assert_identical(xd.contrast(grid, method), xd.contrast(grid, "method"))
+        assert float(xd.member(grid, **{method: "rk4", step: "20 ms"}, g=9.0).y[-1]) == float(
+            grid.end_y.sel(solver_method="rk4", solver_step=20.0, g=9.0)
+        )
+
+
+def test_methods_that_vary_with_steps_have_their_own_orders() -> None:
+    """Assert the order of each method in a column beside others, where the finest of the best one counts as exact."""
+    together = {"method": ["midpoint", "rk4"], "until": [END, END]}
+    model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    grid = xd.sweep(model, {"way": together, "step": "0.1, 0.05, 0.025 s"}).compute()
+    alone = xd.sweep(model, {"method": together["method"], "step": "0.1, 0.05, 0.025 s"}, until=END).compute()
+    for verb in xd.convergence, xd.precision:
+        found, expected = (verb(each, "step") for each in (grid, alone))
+        for name in expected.data_vars:
+            np.testing.assert_array_equal(found[name].values, expected[name].values)
+
+
+def test_a_sweep_of_before_has_the_axes_that_it_was_marched_with(tmp_path: Path) -> None:
+    """Assert that a catalogue of version 0.2 is read, asked by both words and marched again, and refuses to be added to."""
+    folder = tmp_path / "methods_and_steps"
+    shutil.copytree(ROOT / "data/golden/0.2/methods_and_steps", folder)
+    old = xd.open_sweep(folder)
+    assert dict(old.sizes) == {"k": 2, "method": 2, "step": 3, "at": 2}
+    run = xd.member(old, k="2 N m-1", method="rk4", step="0.05 s")
+    assert float(run.x[-1]) == float(old.end_x.sel({"k": 2.0, "method": "rk4", "step": 0.05}))
+    xr.testing.assert_identical(xd.convergence(old, "solver_step"), xd.convergence(old, "step"))
+    with pytest.raises(
+        xd.InputError, match="its axis is 'method', as versions before called what is 'solver_method' here"
+    ):
+        xd.sweep(
+            xd.Model.from_record(old.model_toml.item()),
+            {"k": ["1 N m-1", "2 N m-1"], "method": ["rk4", "velocity_verlet"], "step": ["0.1 s", "0.05 s", "0.025 s"]},
+            keep=["end", "x"],
+            times=[0.5, 1.0],
+            until="1 s",
+            path=folder,
+        )
+
+
+def test_what_varies_together_is_not_called_as_settings_are() -> None:
+    """Assert one line for a name that begins as those of settings do."""
+    with pytest.raises(xd.InputError, match="'solver_way'.*begins as settings do, 'solver_…'"):
+        xd.sweep(falling(), {"solver_way": {"method": ["rk4"], "step": [0.1]}})

@@ -44,9 +44,9 @@ def swept() -> xr.Dataset:
 
 def alone(sweep: xr.Dataset, at: tuple[int, int, int]) -> tuple[dict[str, Any], xr.Dataset]:
     """Return what a sweep has of a member, and its run by `simulate`."""
-    mine = sweep.isel(dict(zip(("v_y", "vt", "method"), at, strict=True)))
+    mine = sweep.isel(dict(zip(("v_y", "vt", "solver_method"), at, strict=True)))
     model = ball().replace(initial={"v_y": float(mine.v_y)}, parameters={"vt": float(mine.vt)})
-    return dict(mine.data_vars), xd.simulate(model, method=str(mine["method"].values), rtol=1e-6, until="9 s")
+    return dict(mine.data_vars), xd.simulate(model, method=str(mine["solver_method"].values), rtol=1e-6, until="9 s")
 
 
 @pytest.mark.parametrize("at", [(0, 0, 0), (4, 1, 1), (2, 0, 1)])
@@ -78,14 +78,14 @@ def test_observables_at_times_are_those_of_the_states(swept: xr.Dataset) -> None
     state = xd.sample(run, [0.5])
     m, g = 0.145, 9.80665
     energy = m * state.v_y**2 / 2 + m * g * state.y
-    found = swept.total_energy.isel({"v_y": 3, "vt": 1, "method": 1, "at": 0})
+    found = swept.total_energy.isel({"v_y": 3, "vt": 1, "solver_method": 1, "at": 0})
     assert float(found) == pytest.approx(float(energy[0]), rel=1e-14)
 
 
 def test_axes_have_units_and_everything_says_what_it_is(swept: xr.Dataset) -> None:
     """Assert units, names and roles of every variable, and that the Dataset is saved and verified like a run."""
     assert swept.v_y.attrs["units"] == "m s-1"
-    assert swept.sizes == {"v_y": 5, "vt": 2, "method": 2, "at": 3}
+    assert swept.sizes == {"v_y": 5, "vt": 2, "solver_method": 2, "at": 3}
     for name, variable in swept.variables.items():
         assert {"units", "long_name", "role"} <= set(variable.attrs), name
     assert swept.at_time.values.tolist() == [0.5, 1.0, 9.0]
@@ -406,7 +406,7 @@ def test_a_member_from_the_catalogue_alone(tmp_path: Path) -> None:
         ({"vt": "20:40:0 m s-1"}, {}, "count from 2 to"),
         ({"vt": ["20 m s-1", "20 m s-1"]}, {}, "has 20.0 more than once"),
         ({"vtt": [1.0]}, {}, "'vtt' is nothing that can vary"),
-        ({"method": ["heun", "huen"]}, {}, "member method = huen: method 'huen' is not known"),
+        ({"method": ["heun", "huen"]}, {}, "member solver_method = huen: method 'huen' is not known"),
         ({"step": [-0.1]}, {}, "has -0.1 s, needs positive values"),
         ({"a": {"vt": [1.0], "m": [1.0, 2.0]}}, {}, "needs as many values each: vt has 1, m has 2"),
         ({"vt": [1.0], "a": {"vt": [1.0]}}, {}, "'vt' varies along both 'vt' and 'a'"),
@@ -453,7 +453,7 @@ def test_labels_that_are_not_there() -> None:
     for labels, message in (
         ({"vt": 21.0, "method": "heun"}, "has no 21.0; the nearest is 20.0 m s-1"),
         ({"vt": 20.0, "method": "dop853"}, "has no 'dop853'; there are heun, rk4"),
-        ({"vt": 20.0}, "a member needs a value of every axis, and of 'method' there is none"),
+        ({"vt": 20.0}, "a member needs a value of every axis, and of 'solver_method' there is none"),
         ({"vt": 20.0, "method": "heun", "m": 1.0}, "the sweep has no axis 'm'"),
     ):
         with pytest.raises(xd.InputError, match=message):
@@ -471,7 +471,7 @@ def test_all_rows_behind_each_other(swept: xr.Dataset) -> None:
         for name in ("time", "y", "a_y", "total_energy", "row_kind"):
             assert found[name].values[rows].tobytes() == run[name].values.tobytes(), name
         assert float(found.run_v_y[i]) == float(swept.v_y[at[0]])
-        assert str(found.run_method.values[i]) == str(swept["method"].values[at[2]])
+        assert str(found.run_solver_method.values[i]) == str(swept["solver_method"].values[at[2]])
 
 
 def test_an_earlier_sweep_with_something_else_kept(swept: xr.Dataset, tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_plain_xarray_opens_it(stored: Path, whole: xr.Dataset) -> None:
     """Assert that without this package there are lazy numbers with units, labels and the meanings of flags."""
     plain = xr.open_zarr(stored)
     assert plain.end_x.chunks is not None
-    assert float(plain.end_x.sel({"k": 2.0, "method": "heun"})) == float(whole.end_x[4, 1])
+    assert float(plain.end_x.sel({"k": 2.0, "solver_method": "heun"})) == float(whole.end_x[4, 1])
     assert (plain.end_x.attrs["units"], plain.k.attrs["units"]) == ("m", "N m-1")
     words = plain.run_outcome.attrs["flag_meanings"].split()
     assert {words[code] for code in plain.run_outcome.values.ravel()} == {"completed"}

@@ -87,7 +87,7 @@ def test_added_members_are_as_if_made_at_once(
         "zarr.json",
     ]
     further = xd.sweep(MODEL, after | {"k": [*after["k"], 3.0]}, path=stored, **ASKED)
-    assert sum(marched) == further.sizes["method"]
+    assert sum(marched) == further.sizes["solver_method"]
     assert xd.verify(stored)
 
 
@@ -189,8 +189,11 @@ def stops(function: Any, *given: Any) -> bool:
     [
         ({"axes": {"k": [1.0, 1.1, 1.25, 1.5]}}, "the values of 'k' that it has are not the first ones here"),
         ({"axes": {"k": [1.0, 1.25]}}, "it has k = 1.5, which this sweep has not; give them too"),
-        ({"axes": {"method": ["heun", "rk4"]}}, "the values of 'method' that it has are not the first ones here"),
-        ({"axes": {"m": [1.0, 2.0]}}, "its axes are k, method there, here k, method, m"),
+        (
+            {"axes": {"method": ["heun", "rk4"]}},
+            "the values of 'solver_method' that it has are not the first ones here",
+        ),
+        ({"axes": {"m": [1.0, 2.0]}}, "its axes are k, solver_method there, here k, solver_method, m"),
         ({"until": 2.0}, "setting 'until' is 1.0 there, here 2.0"),
         ({"keep": ["end"], "times": None}, "keep is end, x there, here end"),
     ],

@@ -155,7 +155,9 @@ tables, runs of 31 digits, by moreau_jean or an implicit method (but radau_iia o
 and wide ones (over 2,048 numbers a row). Either way every member has the bits that it has alone
 (check=0.01 looks). With path= it goes into a folder, on from where it was stopped; open_sweep opens
 it; keep=["log"] keeps each run, and open_logs opens all.
-xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run.
+xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run. Dimensions are called as
+in a record: grid.sel(vt=30.0, solver_method="dop853"); where a parameter bears a word of xarray's
+own, grid.sel({"method": 1.0}).
 Files may be objects, "s3://bucket/run.nc", a grid a Zarr store: `xdynamics help stores`. contrast,
 sensitivities, influences, sobol_indices, convergence and precision say what a grid shows. Of a
 section, an event that a motion meets once in a period, keep=["after_section_x"], occurrences=160

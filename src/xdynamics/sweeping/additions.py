@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.place import Place
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import model_words
-from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of
+from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of, named_among
 from xdynamics.sweeping.collection import DIGEST, plan_of
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.labels import ALIKE
@@ -113,9 +113,12 @@ def _conflicts(plan: Plan, existing: Plan) -> Iterator[str]:
     if plan.keeping.occurrences != existing.keeping.occurrences:
         yield f"occurrences are {existing.keeping.occurrences} there, here {plan.keeping.occurrences}"
     for old_axis in old_grid.axes:
-        new_axis = next((entry for entry in grid.axes if entry.dim == old_axis.dim), None)
+        dim = named_among(grid.dims, old_axis.dim)
+        new_axis = next((entry for entry in grid.axes if entry.dim == dim), None)
         if new_axis is None:
             yield f"its axis '{old_axis.dim}' is none of this sweep; give it too"
+        elif dim != old_axis.dim:
+            yield f"its axis is '{old_axis.dim}', as versions before called what is '{dim}' here"
         elif {_kind(entry) for entry in new_axis.columns} != {_kind(entry) for entry in old_axis.columns}:
             yield (
                 f"its axis '{old_axis.dim}' varies {', '.join(entry.label for entry in old_axis.columns)}, here"

@@ -34,6 +34,7 @@ PARAMETER, INITIAL, START, STEP, RTOL, TABLE, SETTING = (
 NUMBERS = (PARAMETER, INITIAL, STEP, RTOL)  # kinds whose members march side by side
 OF_MODEL = {PARAMETER: "parameters", INITIAL: "initial", START: "initial"}  # and their section in the model
 FOR_INITIAL = "initial_"  # prefix of an initial value, for an axis that needs another name than the variable
+FOR_SETTING = "solver_"  # prefix of a setting, as a record's attributes have it
 # settings that are numbers or words; rows and mappings cannot be an axis
 SETTINGS = (
     "method",
@@ -70,7 +71,7 @@ class AxisColumn:
         Numbers in `unit`, or words.
     unit : Unit
     label : str
-        Its name in the Dataset.
+        Its name in the Dataset; that of a setting is the record's, ``solver_method``.
     tables : tuple of str
         CSV text of each value of a drive.
     elements : tuple of str
@@ -168,7 +169,7 @@ def _axis(model: Model, dim: str, entries: Any) -> Axis:
         column = column_of(model, dim, entries)
         if (repeated := _twice(column.values)) is not None:
             raise InputError(f"has {repeated!r} more than once")
-        return Axis(dim, (column,))
+        return Axis(column.label, (column,))
     if not entries:
         raise InputError("varies nothing; give names with as many values each")
     if dim not in entries and dim in (
@@ -181,12 +182,14 @@ def _axis(model: Model, dim: str, entries: Any) -> Axis:
         raise InputError(
             f"is the name of something else; call what varies together in another way, like '{dim}_together'"
         )
+    if dim.startswith(FOR_SETTING):
+        raise InputError(f"begins as settings do, '{FOR_SETTING}…'; call what varies together in another way")
     columns = tuple(column_of(model, str(name), values) for name, values in entries.items())
     sizes = {varying.label: len(varying.values) for varying in columns}
     if len({*sizes.values()}) > 1:
         counts = ", ".join(f"{name} has {size}" for name, size in sizes.items())
         raise InputError(f"what varies together needs as many values each: {counts}")
-    return Axis(dim, columns)
+    return Axis(next((varying.label for varying in columns if varying.name == dim), dim), columns)
 
 
 def _twice(values: Values) -> Any:
@@ -281,9 +284,9 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     if name in model.drives:
         return _tables(name, values)
     if name == STEP:
-        return _positive(_quantities(name, STEP, values, Scale(model.time_unit), name))
+        return _positive(_quantities(name, STEP, values, Scale(model.time_unit), f"{FOR_SETTING}{name}"))
     if name == RTOL:
-        return _positive(_quantities(name, RTOL, values, Scale(parse_unit("1")), name))
+        return _positive(_quantities(name, RTOL, values, Scale(parse_unit("1")), f"{FOR_SETTING}{name}"))
     if name in SETTINGS:
         return _settings(model, name, values)
     quantities = of_wholes((*model.statement.parameters, *model.statement.initial))
@@ -320,7 +323,7 @@ def _positive(column: AxisColumn) -> AxisColumn:
 def _settings(model: Model, name: str, entries: Any) -> AxisColumn:
     """Read words or numbers that `simulate` takes."""
     if name in TIMES:
-        return _quantities(name, SETTING, entries, Scale(model.time_unit), name)
+        return _quantities(name, SETTING, entries, Scale(model.time_unit), f"{FOR_SETTING}{name}")
     row: Sequence[Any] = [value.strip() for value in entries.split(",")] if isinstance(entries, str) else entries
     if isinstance(row, int | float) or not hasattr(row, "__iter__"):
         row = [row]
@@ -332,7 +335,7 @@ def _settings(model: Model, name: str, entries: Any) -> AxisColumn:
         raise InputError(f"has {wrong[0]!r}, needs words or numbers")
     words = any(isinstance(value, str) for value in values)
     array = np.array([str(value) for value in values], object) if words else np.array(values, float)
-    return AxisColumn(name, SETTING, array, Unit("1", NONE), name)
+    return AxisColumn(name, SETTING, array, Unit("1", NONE), f"{FOR_SETTING}{name}")
 
 
 def _tables(name: str, sources: Any) -> AxisColumn:
@@ -349,6 +352,12 @@ def _tables(name: str, sources: Any) -> AxisColumn:
                 raise InputError(f"has two tables called '{label}'")
             tables[label] = text
     return AxisColumn(name, TABLE, np.array([*tables], object), Unit("1", NONE), name, tuple(tables.values()))
+
+
+def named_among(dims: Iterable[Any], word: str) -> str:
+    """Return the dimension that a word means: its own, or that of the setting; sweeps of before had no prefix."""
+    there, setting = {*dims}, word.removeprefix(FOR_SETTING)
+    return next((name for name in (word, f"{FOR_SETTING}{setting}", setting) if name in there), word)
 
 
 def _check_once(axes: Sequence[Axis]) -> None:

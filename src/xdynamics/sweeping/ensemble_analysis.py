@@ -18,8 +18,8 @@ from xdynamics.methods import METHODS
 from xdynamics.record import shapes_of
 from xdynamics.record.folding import labelled
 from xdynamics.schema import flags
-from xdynamics.sweeping.axes import RTOL, STEP
-from xdynamics.sweeping.collection import AXIS, VARIES, axes_said, check_sweep, plan_of
+from xdynamics.sweeping.axes import RTOL, SETTING, STEP, named_among
+from xdynamics.sweeping.collection import AXIS, VARIES, WHAT, axes_said, check_sweep, plan_of
 from xdynamics.sweeping.labels import place_on
 from xdynamics.sweeping.members import OUTCOME, STOPPED_BY
 from xdynamics.units import quotient
@@ -41,7 +41,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
     sweep : xarray.Dataset
         What `sweep` or `open_sweep` returned.
     dim : str
-        The axis, ``"method"`` say.
+        The axis, as `axes` of `sweep` or the Dataset name it: ``"method"`` say, or ``"solver_method"``.
     reference : optional
         The value that the others are compared with; by default the last one.
     compute : bool, optional
@@ -58,7 +58,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
     InputError
         If there is no such axis, or no such value of it.
     """
-    _check_axis(sweep, dim)
+    dim = _axis_named(sweep, dim)
     sweep = _as_asked(sweep, compute)
     at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
     reference_member = sweep.isel({dim: at})
@@ -156,7 +156,7 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
     """
     import xarray as xr
 
-    _check_axis(sweep, dim)
+    dim = _axis_named(sweep, dim)
     kind = str(sweep[dim].attrs.get(VARIES)) if dim in sweep.coords else ""
     if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
         raise InputError(
@@ -234,7 +234,7 @@ def precision(
     InputError
         If there is no such axis, or `exact` names no number of the sweep or has no finite value.
     """
-    _check_axis(sweep, dim)
+    dim = _axis_named(sweep, dim)
     sweep = _as_asked(sweep, compute)
     names, exact_values = numbers(sweep), dict(exact or {})
     if unknown := [name for name in exact_values if name not in names]:
@@ -243,8 +243,8 @@ def precision(
         if not np.isfinite(value):
             raise InputError(f"exact has {value!r} for '{name}', needs a number")
     finest: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
-    if "method" in sweep.dims:
-        finest["method"] = int(np.argmax([METHODS[str(entry)].order for entry in sweep["method"].values]))
+    if (methods := _methods(sweep)) is not None:
+        finest |= dict.fromkeys(map(str, methods.dims), int(np.argmax(_orders_of(methods))))
     variables: dict[str, Any] = {}
     for name in (entry for entry in names if dim in sweep[entry].dims and sweep[entry].dtype.kind == "f"):
         error = abs(sweep[name] - exact_values.get(name, sweep[name].isel(finest, drop=True))).transpose(
@@ -292,10 +292,13 @@ def axes_of(sweep: xr.Dataset) -> list[str]:
     return axes_said(sweep)
 
 
-def _check_axis(sweep: Any, dim: str) -> None:
+def _axis_named(sweep: Any, word: str) -> str:
+    """Return the dimension that a word means, ``method`` or ``solver_method``."""
     check_sweep(sweep)
+    dim = named_among(sweep.dims, word)
     if dim not in sweep.dims or dim not in axes_of(sweep):
-        raise InputError(f"the sweep has no axis '{dim}'; there are {', '.join(axes_of(sweep))}")
+        raise InputError(f"the sweep has no axis '{word}'; there are {', '.join(axes_of(sweep))}")
+    return dim
 
 
 def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
@@ -312,9 +315,25 @@ def _orders(sweep: xr.Dataset) -> Any:
     import xarray as xr
 
     plan = plan_of(sweep)
-    if "method" in sweep.dims:
-        return xr.DataArray([float(METHODS[str(method)].order) for method in sweep["method"].values], dims="method")
+    if (methods := _methods(sweep)) is not None:
+        return xr.DataArray(_orders_of(methods), dims=methods.dims)
     return xr.DataArray(float(plan.grid.settings_of((0,) * len(plan.grid.shape)).method.order))
+
+
+def _methods(sweep: xr.Dataset) -> xr.Variable | None:
+    """Return the methods of a sweep that has several, along an axis."""
+    return next(
+        (
+            variable
+            for variable in sweep.coords.variables.values()
+            if (variable.attrs.get(VARIES), variable.attrs.get(WHAT)) == (SETTING, "method") and variable.dims
+        ),
+        None,
+    )
+
+
+def _orders_of(methods: xr.Variable) -> list[float]:
+    return [float(METHODS[str(method)].order) for method in methods.values]
 
 
 def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.sweeping.axes import Axis, AxisColumn
+from xdynamics.sweeping.axes import Axis, AxisColumn, named_among
 from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.units import Scale
@@ -24,6 +24,7 @@ def places_of(grid: SweepGrid, labels: Mapping[str, Any]) -> list[int]:
     InputError
         If an axis has no such value (the nearest is named), there is no such axis, or the value of one is missing.
     """
+    labels = {named_among(grid.dims, name): label for name, label in labels.items()}
     unknown = [name for name in labels if name not in grid.dims]
     if unknown:
         raise InputError(f"the sweep has no axis '{unknown[0]}'; there are {', '.join(grid.dims)}")

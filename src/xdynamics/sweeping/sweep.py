@@ -102,7 +102,7 @@ def sweep(
     >>> model = xd.Model.from_toml("data/models/ball_drag.toml")
     >>> found = sweep(model, {"v_y": "10:20:3 m s-1", "method": ["heun", "dop853"]}, keep=["event_time_ground"], rtol=1e-6)
     >>> dict(found.sizes), found.event_time_ground.attrs["units"]
-    ({'v_y': 3, 'method': 2}, 's')
+    ({'v_y': 3, 'solver_method': 2}, 's')
     >>> bool((found.event_time_ground.diff("v_y") > 0).all())
     True
     """
