@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::pint.UnitStrippedWarning")
 
@@ -63,7 +64,7 @@ def test_every_verb_takes_and_gives_units(run: xr.Dataset, tmp_path: Path) -> No
     found.dynamics.plot(tmp_path / "b.png")
     assert len(found.dynamics.frame("event")) == 2
     xd.save(found, tmp_path / "a.nc")
-    assert xd.verify(tmp_path / "a.nc") == xd.content_digest(run)
+    assert verified(tmp_path / "a.nc") == xd.content_digest(run)
     opened = xd.open_run(tmp_path / "a.nc", quantify=True)
     assert str(opened.time.data.units) == "second"
     assert xd.simulate.__doc__
@@ -128,7 +129,7 @@ def test_units_that_pint_orders_otherwise(tmp_path: Path) -> None:
     """Assert that a torque's `N m` comes back as it was recorded, so that the record is saved as it is."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")
     xd.save(run.dynamics.quantify(), tmp_path / "a.nc")
-    assert xd.verify(tmp_path / "a.nc") == xd.content_digest(run)
+    assert verified(tmp_path / "a.nc") == xd.content_digest(run)
 
 
 @pytest.mark.dear

@@ -21,6 +21,7 @@ import xdynamics as xd
 from cases.object_server import bucket
 from cases.problems import MODELS, ROOT, particle
 from cases.stages import marches, no_march
+from cases.verdicts import verified
 from xdynamics.evidence.cluster import cluster_of, connected
 from xdynamics.evidence.stages import is_lazy
 
@@ -85,7 +86,7 @@ def test_it_leaves_archives_figures_and_a_page(name: str, tmp_path: Path) -> Non
     kept = (tmp_path / "results" / "report.md").read_text()
     assert kept.strip() in page + "\n" or page.strip() in kept
     for archive in archives:
-        assert f"{archive.name}, {xd.verify(archive)}" in kept
+        assert f"{archive.name}, {verified(archive)}" in kept
     figures = sorted((tmp_path / "results").glob("*.png"))
     assert figures
     assert all(f"]({figure.name})" in kept and figure.stat().st_size > 10_000 for figure in figures)
@@ -256,5 +257,5 @@ def test_a_stage_that_fails_leaves_the_others_whole(tmp_path: Path) -> None:
     assert len(begun) == 2
     page = (tmp_path / "results" / "report.md").read_text()
     assert "## late\n\nfailed    at has 3.0 s" in page
-    assert f"study.nc, {xd.verify(tmp_path / 'results' / 'study.nc')}" in page
+    assert f"study.nc, {verified(tmp_path / 'results' / 'study.nc')}" in page
     assert not (tmp_path / "results" / "late.nc").exists()

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from xdynamics.faults import (
         AccuracyWarning,
         ArchiveError,
+        EditedWarning,
         InputError,
         KindWarning,
         ModelError,
@@ -90,6 +91,7 @@ _ROOMS = {
     "faults": (
         "AccuracyWarning",
         "ArchiveError",
+        "EditedWarning",
         "InputError",
         "KindWarning",
         "ModelError",
@@ -124,6 +126,7 @@ __all__ = [
     "ArchiveError",
     "Declared",
     "Draws",
+    "EditedWarning",
     "InputError",
     "KindWarning",
     "Model",

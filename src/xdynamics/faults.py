@@ -124,6 +124,10 @@ class KindWarning(UserWarning):
     """An archive is whole, and is no run but a selection of one or derived data."""
 
 
+class EditedWarning(UserWarning):
+    """What an archive holds was changed since it was archived, and is no longer what was marched."""
+
+
 class SignatureWarning(UserWarning):
     """A signature is valid, but covers less than the whole file."""
 
@@ -137,7 +141,19 @@ class ModelError(InputError):
 
 
 class ArchiveError(InputError):
-    """A file is damaged, is no run archive, or cannot be written."""
+    """A file is damaged or was edited, is no run archive, or cannot be written.
+
+    Parameters
+    ----------
+    message, faults
+        As of `InputError`.
+    verdict : str
+        ``edited`` or ``damaged`` where digests say so, else empty.
+    """
+
+    def __init__(self, message: str, faults: tuple[str, ...] = (), verdict: str = "") -> None:
+        super().__init__(message, faults)
+        self.verdict = verdict
 
 
 def warn(message: str, category: type[Warning]) -> None:

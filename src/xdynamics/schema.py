@@ -28,6 +28,7 @@ CONTINUITY = "continuity"  # role, and first word: whether steps, recomputed, le
 CONTINUITY_STEPS, CONTINUITY_TIME, CONTINUITY_VERDICT = "continuity_steps", "continuity_time", "continuity_verdict"
 DESCRIBED = "step_size"  # the variable that names scalar coordinates
 TEXT_NAMES = ("model_toml", "force_source")
+NAMES_ROWS = ("event_row_before", "event_row_after", "trial_step", "sample_step", "closed_step")  # by step_number
 AT_TIME, EVENT_TIME, TRIAL_TIME, SAMPLE_TIME, CLOSED_TIME = (
     "at_time",
     "event_time",
@@ -97,6 +98,17 @@ VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba
             "volatile_digest", "variable_digests",
             # by a library's eigenvalues, whose last bits may carry over into the digits that are kept
             "run_slowest_period", "run_slowest_periods")  # fmt: skip
+# what ACDD says of a data set beside what this package writes, what tools add, and what anybody notes: outside the content
+NOTES = frozenset((
+    "id", "naming_authority", "keywords", "keywords_vocabulary", "comment", "acknowledgement", "acknowledgment",
+    "license", "standard_name_vocabulary", "creator_name", "creator_email", "creator_url", "creator_type",
+    "creator_institution", "institution", "project", "program", "platform", "instrument", "contributor_name",
+    "contributor_role", "publisher_name", "publisher_email", "publisher_url", "publisher_type", "publisher_institution",
+    "date_modified", "date_issued", "date_metadata_modified", "product_version", "processing_level", "references",
+    "metadata_link", "NCO", "nco_openmp_thread_number", "CDO", "CDI", "coordinates",
+))  # fmt: skip
+# with these begin the names of attributes by which readers here take a record for what it is
+OF_RECORD = ("solver_", "run_", "sweep_", "selection", "derived", "model_", "force_", "initial_", "atol_", "math_")
 RUN_SEAL, CIRCUMSTANCE = "run_seal", "circumstance"  # a variable that is one, the digest of a file's bytes; its role
 COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisations", "run_accepted_steps",
           "run_rejected_trials")  # fmt: skip
@@ -240,6 +252,13 @@ def coordinates_of(name: str, about: Mapping[str, tuple[Sequence[str], Any]], *,
 def is_former(attributes: Mapping[Any, Any]) -> bool:
     """Whether the attributes of a record say that it is of the former schema."""
     return FORMER in str(attributes.get("Conventions", "")).split()
+
+
+def content_of(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return those attributes of a record that are a part of its content: neither circumstances nor notes."""
+    of_sweep = is_former(attributes) and attributes.get(EVIDENCE) == SWEEP  # these had a comment of ours in it
+    beside = {*VOLATILE, ROOT_DIGEST, ORIGIN, *(NOTES - {"comment"} if of_sweep else NOTES)}
+    return {str(name): value for name, value in attributes.items() if name not in beside}
 
 
 def is_coordinate(name: str, role: Any) -> bool:

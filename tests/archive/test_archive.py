@@ -18,6 +18,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS, free, oscillator
+from cases.verdicts import verified
 
 
 def short(step: float = 0.01, until: float = 2.0) -> xr.Dataset:
@@ -49,7 +50,7 @@ def test_opened_equals_in_memory(archived: Path) -> None:
 def test_saving_an_opened_run_keeps_its_digest(archived: Path, tmp_path: Path) -> None:
     """Assert that a copy through xarray is the same record."""
     xd.save(xd.open_run(archived), tmp_path / "copy.nc")
-    assert xd.verify(tmp_path / "copy.nc") == xd.verify(archived)
+    assert verified(tmp_path / "copy.nc") == verified(archived)
 
 
 def test_streamed_equals_saved(tmp_path: Path) -> None:
@@ -59,14 +60,14 @@ def test_streamed_equals_saved(tmp_path: Path) -> None:
     streamed = xd.simulate(model, **settings, path=tmp_path / "streamed.nc")
     assert streamed.sizes["step"] > 3 * 131_072
     assert streamed.attrs["content_digest"] == xd.content_digest(xd.simulate(model, **settings))
-    assert xd.verify(tmp_path / "streamed.nc") == streamed.attrs["content_digest"]
+    assert verified(tmp_path / "streamed.nc") == streamed.attrs["content_digest"]
 
 
 @pytest.mark.dear
 def test_dask_backed_run_is_saved(archived: Path, tmp_path: Path) -> None:
     """Assert that a chunked run is written a chunk at a time, to the same content."""
     xd.save(xd.open_run(archived).chunk({"step": 50}), tmp_path / "chunked.nc")
-    assert xd.verify(tmp_path / "chunked.nc") == xd.verify(archived)
+    assert verified(tmp_path / "chunked.nc") == verified(archived)
 
 
 def test_damage_is_found_and_named(archived: Path, tmp_path: Path) -> None:
@@ -77,13 +78,20 @@ def test_damage_is_found_and_named(archived: Path, tmp_path: Path) -> None:
     shutil.copy(archived, path)
     with netCDF4.Dataset(path, "a") as file:
         file["x"][7] = np.nextafter(file["x"][7], 2)
-    with pytest.raises(xd.ArchiveError, match="variable 'x' differs from its digest"):
-        xd.open_run(path)
+    with pytest.raises(xd.ArchiveError, match="variable 'x' differs from its digest") as told:
+        xd.verify(path)
+    assert told.value.verdict == "edited"
+    with pytest.warns(xd.EditedWarning, match="was edited since it was archived: variable 'x' differs from its digest"):
+        run = xd.open_run(path)
+    with pytest.raises(xd.InputError, match="variable 'x' differs from its digest in the run"):
+        xd.save(run, tmp_path / "again.nc")
+    xd.save(run, tmp_path / "again.nc", derived="x edited")
+    assert xd.open_run(tmp_path / "again.nc").attrs["derived_from"] == verified(archived)
 
 
-@pytest.mark.parametrize("attribute", ["solver_method", "date_created"])
+@pytest.mark.parametrize("attribute", ["solver_method", "title"])
 def test_changed_attribute_is_found(archived: Path, tmp_path: Path, attribute: str) -> None:
-    """Assert that settings and circumstances are sealed too."""
+    """Assert that settings are sealed too."""
     import netCDF4
 
     path = tmp_path / "damaged.nc"
@@ -185,7 +193,7 @@ def test_save_never_writes_into_the_old_file(archived: Path, tmp_path: Path) -> 
     xd.save(short(step=0.02), path)
     assert held.read_bytes() == archived.read_bytes()
     assert not held.samefile(path)
-    assert xd.verify(path) != xd.verify(held)
+    assert verified(path) != verified(held)
 
 
 SAVING = """
@@ -228,7 +236,7 @@ def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path, request: pytest.Fi
             os.kill(number, signal.SIGKILL)
             assert int(process.stdout.readline()) == -signal.SIGKILL
             if path.exists():
-                seen.add(xd.verify(path))
+                seen.add(verified(path))
         process.stdin.close()
     assert seen
     assert seen <= allowed
@@ -319,7 +327,7 @@ def test_every_flipped_bit_is_found(archived: Path, tmp_path: Path) -> None:
 def test_a_foreign_text_variable_is_named(tmp_path: Path) -> None:
     """Assert that a file with texts of any length is told from a run."""
     xr.Dataset({"a": ("n", np.array(["one", "three"], dtype=object))}).to_netcdf(tmp_path / "text.nc", engine="netcdf4")
-    with pytest.raises(xd.ArchiveError, match="variable 'a'"):
+    with pytest.raises(xd.ArchiveError, match="attribute 'content_digest' is missing"):
         xd.verify(tmp_path / "text.nc")
 
 

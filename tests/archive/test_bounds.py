@@ -15,6 +15,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.archive import sandboxed_reading
 from xdynamics.archive.declared_sizes import foreign, oversize
 from xdynamics.archive.sandboxed_reading import _Examiner
@@ -241,7 +242,7 @@ def test_a_process_that_is_gone_is_replaced(tmp_path: Path, other: _Examiner) ->
     """Assert that a process that ended, for want of questions or otherwise, is started again."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
     for _ in range(2):
-        assert other.examine(path, tail_of(path)).digest == xd.verify(path)
+        assert other.examine(path, tail_of(path)).digest == verified(path)
         assert other._process is not None
         os.killpg(other._process.pid, signal.SIGKILL)  # with its reader
 
@@ -269,7 +270,7 @@ def test_where_no_process_can_be_had(tmp_path: Path, other: _Examiner, monkeypat
     """Assert that without an interpreter to start files are examined in this process."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
     monkeypatch.setattr(sandboxed_reading.sys, "executable", None)
-    assert other.examine(path, tail_of(path)).digest == xd.verify(path)
+    assert other.examine(path, tail_of(path)).digest == verified(path)
     assert other._process is None
 
 
@@ -277,7 +278,7 @@ def test_bytes_that_are_known_are_read_here(tmp_path: Path, monkeypatch: pytest.
     """Assert that what this process wrote, or examined whole, needs no other process; one changed byte does."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
     monkeypatch.setattr(sandboxed_reading._EXAMINER, "_asked", lambda *_: {"code": 1})
-    assert xd.verify(path) == xd.content_digest(xd.open_run(path))
+    assert verified(path) == xd.content_digest(xd.open_run(path))
     content = bytearray(path.read_bytes())
     content[5000] ^= 1
     path.write_bytes(content)

@@ -10,6 +10,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import ROOT
+from cases.verdicts import verified
 
 GOLDEN = ROOT / "data" / "golden"
 ARCHIVES = sorted((GOLDEN / "0.1").glob("*.nc"))
@@ -64,7 +65,7 @@ def test_they_are_read_by_everything(path: Path, tmp_path: Path, request: pytest
 
     from xdynamics.cli import main
 
-    assert len(xd.verify(path)) == 64
+    assert len(verified(path)) == 64
     assert CliRunner().invoke(main, ["show", str(path)]).exit_code == 0
     if request.config.getoption("--whole") or (ARCHIVES + SECOND).index(path) % 3 == 0:
         assert CliRunner().invoke(main, ["plot", str(path), "-o", str(tmp_path / "run.png")]).exit_code == 0
@@ -85,7 +86,7 @@ def test_a_record_of_schema_1_is_shown_in_the_words_of_today(tmp_path: Path) -> 
     assert run.step_number.values.tolist() == list(range(run.sizes["step"]))
     assert float(run.mean("step").y) == pytest.approx(float(run.y.mean()))
     xd.save(run, tmp_path / "again.nc")
-    assert xd.verify(tmp_path / "again.nc") == xd.verify(path)
+    assert verified(tmp_path / "again.nc") == verified(path)
     last = int(run.event_row_before[-1])
     xd.save(run.isel(step=slice(last, None), event=[-1]), tmp_path / "part.nc")
     part = xd.open_run(tmp_path / "part.nc")

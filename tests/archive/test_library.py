@@ -19,6 +19,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import xdynamics as xd
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.archive import netcdf_library, shared_handles
 from xdynamics.archive.netcdf_library import READ_CACHE, alone, file_at
 
@@ -191,7 +192,7 @@ for _ in range(int(sys.argv[2])):
     thread.start()
     thread.join(10)
     assert not thread.is_alive()
-    assert xd.verify(path) == xd.content_digest(run)
+    assert verified(path) == xd.content_digest(run)
 """
 
 
@@ -215,13 +216,13 @@ def test_few_files_are_open_at_a_time(archived: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(shared_handles, "MOST_OPEN", 2)
     runs = [xd.open_run(archived) for _ in range(5)]
     assert len(shared_handles._open) == 2
-    assert {xd.content_digest(run) for run in runs} == {xd.verify(archived)}
+    assert {xd.content_digest(run) for run in runs} == {verified(archived)}
 
 
 def test_an_opened_run_goes_to_another_process_and_back(archived: Path) -> None:
     """Assert that an opened run is pickled as the way to its file."""
     run = pickle.loads(pickle.dumps(xd.open_run(archived)))
-    assert xd.content_digest(run) == xd.verify(archived)
+    assert xd.content_digest(run) == verified(archived)
     run.close()
 
 
@@ -357,7 +358,7 @@ def test_what_is_overwritten_while_it_is_open_is_told(tmp_path: Path) -> None:
     one.write_bytes(two.read_bytes())
     with pytest.raises(xd.ArchiveError, match="was overwritten while it was open"):
         run.v_x.load()
-    assert xd.verify(one) == after
+    assert verified(one) == after
     assert xd.content_digest(xd.open_run(one)) == after
     with pytest.raises(xd.ArchiveError, match="another file than the one that was opened"):
         run.a_x.load()
@@ -372,7 +373,7 @@ def test_what_is_kept_open_is_not_mixed(tmp_path: Path) -> None:
         with pytest.raises(xd.ArchiveError, match="was overwritten while this process had it open"):
             xd.open_run(one)
     run.close()
-    assert xd.content_digest(xd.open_run(one)) == xd.verify(two)
+    assert xd.content_digest(xd.open_run(one)) == verified(two)
 
 
 def test_little_of_a_read_file_is_kept_in_memory(archived: Path) -> None:

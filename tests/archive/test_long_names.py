@@ -9,6 +9,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.archive.segments import folder_of
 from xdynamics.archive.signatures import new_key, protection
 
@@ -32,7 +33,7 @@ def test_an_archive_of_any_name_is_signed(length: int, tmp_path: Path) -> None:
     """Assert that it is verified before, signed, and verified with its signature, which is of this name alone."""
     public = new_key(tmp_path / "key.pem")
     path = tmp_path / ("n" * (length - 3) + ".nc")
-    digest = xd.verify(xd.save(RUN, path))
+    digest = verified(xd.save(RUN, path))
     assert protection(path) == "sealed; not signed"
     with pytest.raises(xd.ArchiveError, match="has no signature"):
         xd.verify_signature(path, public)

@@ -18,6 +18,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.object_server import Way, bucket
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.archive import lease, object_upload
 from xdynamics.archive.object_calls import call
 from xdynamics.archive.object_store import OBJECTS
@@ -53,7 +54,7 @@ def runs(until: float = 0.1) -> list[xr.Dataset]:
 
 def digests(folder: ObjectName) -> list[str]:
     """What is under the names of a folder, in order."""
-    return [xd.verify(str(place)) for place in OBJECTS.names(folder)]
+    return [verified(str(place)) for place in OBJECTS.names(folder)]
 
 
 def contents(made: list[xr.Dataset]) -> list[str]:
@@ -101,7 +102,7 @@ def test_folders_and_stores_take_one_list(folder: ObjectName, tmp_path: Path) ->
     made = runs()
     paths = [tmp_path / "a.nc", str(folder / "b.nc"), tmp_path / "c.nc", str(folder / "d.nc")]
     assert [str(place) for place in xd.save_many(made[:4], paths)] == [*map(str, paths)]
-    assert [xd.verify(path) for path in paths] == contents(made[:4])
+    assert [verified(path) for path in paths] == contents(made[:4])
 
 
 @pytest.mark.dear

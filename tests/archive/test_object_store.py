@@ -19,6 +19,7 @@ import xdynamics as xd
 from cases.object_server import Way, bucket
 from cases.problems import oscillator
 from cases.stages import no_march
+from cases.verdicts import verified
 from xdynamics.archive import lease, object_calls, object_store, object_upload, segments
 from xdynamics.archive.object_calls import call
 from xdynamics.archive.object_store import OBJECTS
@@ -53,7 +54,7 @@ def place(store: Way, request: pytest.FixtureRequest) -> ObjectName:  # noqa: AR
 
 def digest(place: ObjectName) -> str:
     """The content digest of what is under a name."""
-    return xd.verify(str(place))
+    return verified(str(place))
 
 
 def test_a_run_is_the_same_from_a_store(place: ObjectName, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +63,7 @@ def test_a_run_is_the_same_from_a_store(place: ObjectName, tmp_path: Path, monke
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "copies"))
     xd.save(RUN, tmp_path / "run.nc")
     assert xd.save(RUN, str(place)) == place
-    assert digest(place) == xd.verify(tmp_path / "run.nc")
+    assert digest(place) == verified(tmp_path / "run.nc")
     run = xd.open_run(str(place))
     assert run.encoding["source"] == str(place)
     again = pickle.loads(pickle.dumps(run))
@@ -154,7 +155,7 @@ def test_a_march_is_not_lost_with_its_store(store: Way, place: ObjectName) -> No
     with store.once("507 StorageFull", "PUT", times=99), refused as caught:
         xd.simulate(MODEL, **ASKED, path=str(place))
     kept = Path(str(caught.value).split("'")[-2])
-    assert xd.verify(kept) == xd.content_digest(RUN)
+    assert verified(kept) == xd.content_digest(RUN)
     kept.unlink()
     assert OBJECTS.kind(place) == ""
 
@@ -364,7 +365,7 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
     sweep = xd.sweep(MODEL, **asked, path=folder, members_per_task=1)
     whole = xd.sweep(MODEL, axes=asked["axes"], **ASKED)
     assert sweep.end_x.values.tolist() == whole.end_x.values.tolist()
-    assert xd.verify(folder) == sweep.attrs["content_digest"]
+    assert verified(folder) == sweep.attrs["content_digest"]
     run = xd.member(xd.open_sweep(folder), k="2 N m-1")
     assert run.encoding["source"].startswith(f"{folder}/runs/")
     assert float(run.x[-1]) == float(sweep.end_x[1]) == float(xd.open_logs(folder, [1.0]).x[1, 0])
@@ -405,7 +406,7 @@ def test_a_sweep_into_a_full_store_goes_on(store: Way, place: ObjectName, name: 
         xd.sweep(MODEL, **asked)
     assert "\n" not in str(caught.value)
     sweep = xd.sweep(MODEL, **asked)
-    assert xd.verify(folder) == sweep.attrs["content_digest"]
+    assert verified(folder) == sweep.attrs["content_digest"]
 
 
 @pytest.mark.dear
@@ -415,7 +416,7 @@ def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:
     asked: dict[str, Any] = {"axes": {"k": "1:2:3 N m-1"}, **ASKED}
     folder = str(place.parent / "grid.zarr")
     sweep = xd.sweep(MODEL, **asked, path=folder, members_per_task=2)
-    assert xd.verify(folder) == sweep.attrs["content_digest"]
+    assert verified(folder) == sweep.attrs["content_digest"]
     assert xr.open_zarr(folder).end_x.values.tolist() == xd.sweep(MODEL, **asked).end_x.values.tolist()
 
 

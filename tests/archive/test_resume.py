@@ -15,6 +15,7 @@ from click.testing import CliRunner, Result
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.archive import segments
 from xdynamics.cli import main
 from xdynamics.march import March
@@ -99,7 +100,7 @@ def test_resumed_is_uninterrupted(broken: Path) -> None:
     """Assert the bits of the uninterrupted run, fewer rows marched, and that nothing is left behind."""
     seen: list[float] = []
     run = xd.simulate(PENDULUM, **ASKED, path=broken, resume=True, progress=lambda _done, t, _rows: seen.append(t))
-    assert xd.verify(broken) == run.attrs["content_digest"] == whole()
+    assert verified(broken) == run.attrs["content_digest"] == whole()
     assert min(seen) > 24.0
     assert [entry.name for entry in broken.parent.iterdir()] == ["run.nc"]
 
@@ -126,7 +127,7 @@ def test_interrupted_is_resumed(tmp_path: Path) -> None:
     assert "has segments of a run that is not finished" in again.output
     done = call("run", MODELS / "pendulum.toml", "-o", path, *asked, "--resume")
     assert done.exit_code == 0, done.output
-    assert xd.verify(path) == whole()
+    assert verified(path) == whole()
 
 
 @pytest.mark.dear
@@ -152,7 +153,7 @@ def test_a_full_disk_is_resumed(tmp_path: Path) -> None:
     with warnings.catch_warnings():  # a last segment may hold what the full disk lost, which its digests tell
         warnings.simplefilter("ignore", xd.ResumeWarning)
         xd.simulate(PENDULUM, **ASKED, path=path, resume=True)
-    assert xd.verify(path) == whole()
+    assert verified(path) == whole()
 
 
 def test_segments_without_room_do_not_end_the_run(often: None, tmp_path: Path) -> None:  # noqa: ARG001
@@ -164,7 +165,7 @@ def test_segments_without_room_do_not_end_the_run(often: None, tmp_path: Path) -
     ) as told:
         xd.simulate(PENDULUM, **ASKED, path=tmp_path / "run.nc")
     assert len(told) == 1
-    assert xd.verify(tmp_path / "run.nc") == whole()
+    assert verified(tmp_path / "run.nc") == whole()
 
 
 def test_a_second_process_does_not_end_the_run(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
@@ -181,7 +182,7 @@ def test_a_second_process_does_not_end_the_run(often: None, tmp_path: Path, monk
     ) as told:
         xd.simulate(PENDULUM, **ASKED, path=tmp_path / "run.nc")
     assert len(told) == 1
-    assert xd.verify(tmp_path / "run.nc") == whole()
+    assert verified(tmp_path / "run.nc") == whole()
 
 
 @pytest.mark.dear
@@ -195,7 +196,7 @@ def test_a_run_that_broke_off_while_it_was_sealed(often: None, tmp_path: Path, m
     assert names(path)
     run = xd.simulate(rocket, step=1e-3, path=path, resume=True)
     assert "event 'landing' stopped the run" in run.attrs["run_outcome_text"]
-    assert xd.verify(path) == xd.content_digest(xd.simulate(rocket, step=1e-3))
+    assert verified(path) == xd.content_digest(xd.simulate(rocket, step=1e-3))
 
 
 def test_short_runs_are_small_files(tmp_path: Path) -> None:
@@ -227,7 +228,7 @@ def test_no_segment_follows_one_that_failed(often: None, tmp_path: Path, monkeyp
     run.close()
     assert [name.name for name in names(path)] == ["000001.segment", "000002.segment"]
     xd.simulate(PENDULUM, **ASKED, path=path, resume=True).close()
-    assert xd.verify(path) == whole()
+    assert verified(path) == whole()
 
 
 @pytest.mark.parametrize("name", ["n" * 300, "nul\0", "nowhere/run.nc", "."])
@@ -295,7 +296,7 @@ def test_a_damaged_segment_is_named(broken: Path, damage: Any, message: str) -> 
         xd.ResumeWarning, match=rf"segment '.*000003.segment' ({message}).*: the run goes on from t = [\d.]+ s"
     ):
         xd.simulate(PENDULUM, **ASKED, path=broken, resume=True)
-    assert xd.verify(broken) == whole()
+    assert verified(broken) == whole()
 
 
 @pytest.mark.every(3)
@@ -315,7 +316,7 @@ def test_a_missing_segment_is_named(broken: Path, lost: Callable[[list[Path]], o
     lost(names(broken))
     with pytest.warns(xd.ResumeWarning, match=told):
         xd.simulate(PENDULUM, **ASKED, path=broken, resume=True)
-    assert xd.verify(broken) == whole()
+    assert verified(broken) == whole()
 
 
 @pytest.mark.dear

@@ -14,6 +14,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.archive import target, writing
 
 PENDULUM = xd.Model.from_toml(MODELS / "pendulum.toml")
@@ -35,7 +36,7 @@ def test_files_are_those_of_save(tmp_path: Path) -> None:
     found += xd.save_many({f"run {k}": run for k, run in enumerate(made)}, named)
     found += xd.save_many(iter(made), [paths / f"{k}.nc" for k in "abc"])
     assert {entry.name for entry in named.iterdir()} == {"run 0.nc", "run 1.nc", "run 2.nc"}
-    assert [xd.verify(one) for one in found] == 3 * [xd.content_digest(run) for run in made]
+    assert [verified(one) for one in found] == 3 * [xd.content_digest(run) for run in made]
     assert found[0].stat().st_size < found[3].stat().st_size
 
 
@@ -58,7 +59,7 @@ def test_the_disk_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("where", ["_finish", "sync_file_systems"])
 def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that no name is taken where one file, or the disk, fails, that nothing is left beside, and one error names it."""
-    before = [xd.verify(one) for one in xd.save_many(runs(3), tmp_path)]
+    before = [verified(one) for one in xd.save_many(runs(3), tmp_path)]
     calls: list[object] = []
 
     def full(*_given: object, **_asked: object) -> str:
@@ -70,7 +71,7 @@ def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypa
     monkeypatch.setattr(writing if where == "_finish" else target, where, full)
     with pytest.raises(xd.ArchiveError, match=r"00000\d.nc' cannot be written: .*nothing is changed"):
         xd.save_many(runs(3, until=2.0), tmp_path)
-    assert [xd.verify(entry) for entry in sorted(tmp_path.iterdir())] == before
+    assert [verified(entry) for entry in sorted(tmp_path.iterdir())] == before
 
 
 @pytest.mark.dear
@@ -91,10 +92,10 @@ def test_killed_at_any_moment(case: int, tmp_path: Path) -> None:
     time.sleep(rng.uniform(0.0, 0.12))
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    found = [xd.verify(tmp_path / f"{k:06d}.nc") for k in range(4)]
+    found = [verified(tmp_path / f"{k:06d}.nc") for k in range(4)]
     assert all(one in (a, b) for one, a, b in zip(found, *digests, strict=True))
     xd.save_many(new, tmp_path)
-    assert [xd.verify(entry) for entry in sorted(tmp_path.iterdir())] == digests[1]
+    assert [verified(entry) for entry in sorted(tmp_path.iterdir())] == digests[1]
 
 
 def test_wrong_lists_are_refused_before_anything_is_written(tmp_path: Path) -> None:

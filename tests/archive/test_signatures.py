@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives.asymmetric import ed25519, rsa
 
 import xdynamics as xd
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.archive import marched
 from xdynamics.archive.signatures import new_key, signature_of
 from xdynamics.cli import main
@@ -82,7 +83,7 @@ def test_what_stands_in_the_place_of_a_signature_is_named(
 
 def test_what_was_signed_is_verified(made: Path, signed: Path) -> None:
     """Assert that a copy of both files is verified by the public key, and the line says which check it was."""
-    digest = xd.verify(signed)
+    digest = verified(signed)
     assert xd.verify_signature(signed, made / "key.public.pem") == digest
     line = call("verify", "--key", made / "key.public.pem", signed).output
     assert line == f"verified  {signed}  {digest}  (signed, by '{made / 'key.public.pem'}')\n"
@@ -90,7 +91,7 @@ def test_what_was_signed_is_verified(made: Path, signed: Path) -> None:
 
 def test_verify_says_what_it_checked(signed: Path) -> None:
     """Assert that without a key the line tells that a seal is all that was looked at."""
-    start = f"verified  {signed}  {xd.verify(signed)}  "
+    start = f"verified  {signed}  {verified(signed)}  "
     assert call("verify", signed).output == start + "(sealed; signed, and the signature not checked: give --key)\n"
     signature_of(signed).unlink()
     assert call("verify", signed).output == start + "(sealed; not signed)\n"
@@ -107,7 +108,7 @@ def test_signatures_of_0_2_are_of_what_they_covered(made: Path, signed: Path) ->
     with pytest.warns(
         xd.SignatureWarning, match="run.nc.sig' is a signature of version 0.2: .* not of the file's bytes"
     ):
-        assert xd.verify_signature(signed, made / "key.public.pem") == xd.verify(signed)
+        assert xd.verify_signature(signed, made / "key.public.pem") == verified(signed)
     done = call("verify", "--key", made / "key.public.pem", signed)
     said = "a signature of version 0.2: of numbers, attributes and date, not of the file's bytes; sign anew"
     assert done.output.endswith(f"(signed, by '{made / 'key.public.pem'}'; {said})\n")

@@ -11,6 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
+from cases.verdicts import verified
 from xdynamics.archive import segments, streaming
 from xdynamics.archive.seals import CHUNKS
 from xdynamics.archive.writer import Writer
@@ -65,7 +66,7 @@ def test_a_run_of_blocks_may_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """Assert that where the end is not in sight the steps are unlimited, and the content is the same."""
     monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
     streamed = xd.simulate(MODEL, step=0.01, until=2.0, path=tmp_path / "run.nc")
-    assert xd.verify(tmp_path / "run.nc") == xd.content_digest(xd.simulate(MODEL, step=0.01, until=2.0))
+    assert verified(tmp_path / "run.nc") == xd.content_digest(xd.simulate(MODEL, step=0.01, until=2.0))
     streamed.close()
     with netCDF4.Dataset(tmp_path / "run.nc") as file:
         assert file.dimensions[STEPS].isunlimited()

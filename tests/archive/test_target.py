@@ -22,6 +22,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from cases.stages import no_march
+from cases.verdicts import verified
 from xdynamics.archive.target import check_no_table, taking_name
 from xdynamics.archive.temporary_files import TemporaryFile, sweep
 from xdynamics.cli import main
@@ -81,7 +82,7 @@ def test_a_link_goes_on_pointing(run: xr.Dataset, tmp_path: Path) -> None:
         assert link.is_symlink()
         assert second.is_symlink()
         assert names(tmp_path / "far") == ["real.nc"]
-    assert xd.verify(tmp_path / "far" / "real.nc") == xd.content_digest(run)
+    assert verified(tmp_path / "far" / "real.nc") == xd.content_digest(run)
 
 
 def test_links_in_a_circle(run: xr.Dataset, tmp_path: Path) -> None:
@@ -238,14 +239,14 @@ def test_a_complete_archive_is_kept(run: xr.Dataset, bad: xr.Dataset, tmp_path: 
         assert told[0].filename == __file__
         assert path.read_bytes() == before
         assert names(tmp_path) == ["run.nc", "run.partial.nc"]
-    assert xd.verify(tmp_path / "run.partial.nc") == xd.content_digest(bad)
+    assert verified(tmp_path / "run.partial.nc") == xd.content_digest(bad)
 
 
 def test_a_bad_end_over_a_bad_end(run: xr.Dataset, bad: xr.Dataset, tmp_path: Path) -> None:
     """Assert that an archive of a run that ended badly is replaced by either."""
     path = xd.save(bad, tmp_path / "run.nc")
     assert xd.save(bad, path) == xd.save(run, path) == path
-    assert xd.verify(path) == xd.content_digest(run)
+    assert verified(path) == xd.content_digest(run)
 
 
 def test_an_interrupted_stream_stands_beside(run: xr.Dataset, tmp_path: Path) -> None:
@@ -260,7 +261,7 @@ def test_an_interrupted_stream_stands_beside(run: xr.Dataset, tmp_path: Path) ->
             progress=lambda *_: signal.raise_signal(signal.SIGINT),
         )
     assert found.attrs["run_outcome"] == "interrupted"
-    assert (xd.verify(path), names(tmp_path)) == (
+    assert (verified(path), names(tmp_path)) == (
         xd.content_digest(run),
         [".run.nc.segments", "run.nc", "run.partial.nc"],
     )
@@ -395,7 +396,7 @@ def test_any_name_is_right(run: xr.Dataset, tmp_path: Path, name: str, monkeypat
     monkeypatch.chdir(tmp_path)
     xd.save(run, name)
     assert names(tmp_path) == [name]
-    assert xd.verify(name) == xd.content_digest(xd.open_run(name)) == xd.content_digest(run)
+    assert verified(name) == xd.content_digest(xd.open_run(name)) == xd.content_digest(run)
 
 
 @pytest.mark.parametrize(("name", "fault"), [("n" * 256, "File name too long"), ("a\\b.nc", "has a backslash")])

@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.archive import writer
 from xdynamics.archive.seals import letters, seal_file
 from xdynamics.archive.text_encoding import form_of, numbers_of
@@ -69,14 +70,14 @@ def test_a_catalogue_of_numbers_is_that_of_letters(tmp_path: Path, monkeypatch: 
         assert one["run_outcome"].flag_meanings == "stopped_by_event"
         assert one["run_outcome"].sha256 == other["run_outcome"].sha256
         assert one["run_digest"].sha256 == other["run_digest"].sha256
-    assert xd.verify(new) == xd.verify(old)
+    assert verified(new) == verified(old)
     with xd.open_sweep(new.parent) as one, xd.open_sweep(old.parent) as other:
         assert {name: each.dtype for name, each in one.items()} == {name: each.dtype for name, each in other.items()}
         xr.testing.assert_identical(without_dates(one.compute()), without_dates(other.compute()))
         assert xd.content_digest(one) == one.attrs["content_digest"]
         assert str(one.run_outcome[1, 1].values) == "stopped_by_event"
         xd.save(one.compute(), tmp_path / "copy.nc")
-    assert xd.verify(tmp_path / "copy.nc") == xd.verify(new)
+    assert verified(tmp_path / "copy.nc") == verified(new)
 
 
 @pytest.mark.every(3)

@@ -13,6 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
+from cases.verdicts import verified
 from xdynamics.budgeting.budget_summary import lines_of as lines_of_budget
 from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
@@ -249,7 +250,7 @@ def test_the_same_budget_twice_and_from_a_file(tmp_path: Any) -> None:
     )
     assert all(other[name].variable.equals(one[name].variable) for name in one.variables)
     xd.save(one, tmp_path / "B.nc")
-    assert len(xd.verify(tmp_path / "B.nc")) == 64
+    assert len(verified(tmp_path / "B.nc")) == 64
     with xd.open_run(tmp_path / "B.nc") as found:
         assert found.bound.dims == ("term",)
         assert found.monte_carlo_shortest.dims == ("bound",)

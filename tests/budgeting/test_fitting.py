@@ -14,6 +14,7 @@ import xarray as xr
 from scipy.stats import chi2
 
 import xdynamics as xd
+from cases.verdicts import verified
 from xdynamics.budgeting import residuals
 from xdynamics.budgeting.fit_problem import Asked, FittedNumber, Fitting, with_slopes
 from xdynamics.budgeting.fit_records import bounds_of, scales_of
@@ -371,7 +372,7 @@ def test_a_fit_is_saved_opened_and_told(tmp_path: Path) -> None:
     done = call(*asked, "-o", tmp_path / "F.nc", "--model", tmp_path / "fitted.toml", "--bounds", "c=0:1 s-1")
     assert done.exit_code == 0, done.output
     assert "L         1.0300" in done.output
-    assert len(xd.verify(tmp_path / "F.nc")) == 64
+    assert len(verified(tmp_path / "F.nc")) == 64
     assert xd.Model.from_toml(tmp_path / "fitted.toml").digest == xd.open_run(tmp_path / "F.nc").attrs["fitted_digest"]
     assert call("show", tmp_path / "F.nc").exit_code == 0
     assert call("plot", tmp_path / "F.nc", "-o", tmp_path / "F.png").exit_code == 0

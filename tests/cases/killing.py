@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import xdynamics as xd
+from cases.verdicts import verified
 from xdynamics.archive import segment, segments, writing
 from xdynamics.archive.writer import Writer
 from xdynamics.march import March
@@ -141,7 +142,7 @@ def attempt(name: str, moments: random.Random, start: Callable[[str, Path], int]
             return "did not end", kills, left
         if segments.has_segments(path):
             return "left segments behind", kills, left
-        return xd.verify(path), kills, left
+        return verified(path), kills, left
 
 
 def aimed(name: str, moments: random.Random, expected: str) -> tuple[str, list[tuple[str, int]]]:
@@ -156,13 +157,13 @@ def aimed(name: str, moments: random.Random, expected: str) -> tuple[str, list[t
             killed = ended(wounded(place, calls, 10.0 ** moments.uniform(-6.0, -1.5))(name, path)) == -signal.SIGALRM
             if killed:
                 kills.append((place, len(list(segments.folder_of(path).glob("*.segment")))))
-            if path.exists() and xd.verify(path) != expected:
+            if path.exists() and verified(path) != expected:
                 wrong = f"another digest after '{place}'"
         if ended(forked(name, path)) != 0:
             return "did not end", kills
         if left := [entry.name for entry in Path(folder).iterdir() if entry != path]:
             return f"left {left}", kills
-        return wrong or ("" if xd.verify(path) == expected else "another digest"), kills
+        return wrong or ("" if verified(path) == expected else "another digest"), kills
 
 
 def all_aimed(count: int, seed: int) -> int:

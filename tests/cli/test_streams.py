@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.cli import main
 from xdynamics.cli.streams import Stream, surviving_streams
 
@@ -55,7 +56,7 @@ def test_a_run_outlives_its_streams(verb: str, redirected: str, code: int, messa
     ended, _, said = shell(tmp_path, f"{COMMAND} {verb} {redirected}")
     assert (ended, len(said.splitlines())) == (code, bool(message))
     assert message in said
-    assert len(xd.verify(tmp_path / "run.nc")) == 64
+    assert len(verified(tmp_path / "run.nc")) == 64
     assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
 
 

@@ -13,6 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS, ROOT
 from cases.stages import CIRCUMSTANCES, assert_same_bits, marches, no_march
+from cases.verdicts import verified
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.comparing.lazy_comparison import LATER
 from xdynamics.evidence.stages import computed
@@ -76,7 +77,7 @@ def test_what_is_not_there_has_no_value(tmp_path: Path) -> None:
     assert np.isnan(float(never.difference_scale_event_time_late))
     assert "occurrence" not in xd.compare(*longer, [0.5], compute=False, sizes={"occurrence": 0}).dims
     xd.report(tmp_path, comparison=stage)
-    assert xd.verify(tmp_path / "comparison.nc") == xd.content_digest(eager)
+    assert verified(tmp_path / "comparison.nc") == xd.content_digest(eager)
 
 
 def test_a_comparison_shares_its_runs_and_travels() -> None:

@@ -11,6 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator, particle
+from cases.verdicts import verified
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions.evaluation import evaluate
@@ -267,7 +268,7 @@ def test_modes_are_kept_as_evidence(name: str, tmp_path: Path) -> None:
     opened = xd.open_run(xd.save(found, tmp_path / "modes.nc"))
     assert opened.equals(found)
     assert opened.attrs["evidence"] == "modes"
-    assert opened.attrs["runs"] == xd.verify(xd.save(run, tmp_path / "run.nc"))
+    assert opened.attrs["runs"] == verified(xd.save(run, tmp_path / "run.nc"))
     lazily = modes(run, row=-1, compute=False).compute()
     assert xd.open_run(xd.save(lazily, tmp_path / "lazily.nc")).equals(found)
     with pytest.raises(xd.InputError, match="these are not the modes as they were made"):

@@ -16,6 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.contacts import ball
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.evidence.refining.judgements import VERDICTS, judge
 
 STEPS = {1: 0.01, 2: 0.02, 3: 0.05, 4: 0.05, 5: 0.1, 6: 0.2, 8: 0.3}
@@ -285,7 +286,7 @@ def test_runs_of_levels_are_kept_in_files(tmp_path: Path) -> None:
     asked = {"method": "midpoint", "steps": [0.1, 0.05, 0.025], "observables": ["y", "v_y", "total_energy"]}
     inside, outside = xd.refine(model, **asked), xd.refine(model, **asked, keep=tmp_path / "levels")
     assert xd.content_digest(inside) == xd.content_digest(outside)
-    assert [xd.verify(tmp_path / "levels" / f"level_{k}.nc") for k in range(3)] == list(inside.run_digest.values)
+    assert [verified(tmp_path / "levels" / f"level_{k}.nc") for k in range(3)] == list(inside.run_digest.values)
     (tmp_path / "file").write_text("")
     with pytest.raises(xd.InputError, match="'.*file' is a file; name a folder"):
         xd.refine(model, **asked, keep=tmp_path / "file")

@@ -10,6 +10,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.cf_checker import strict_faults
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.record.unfolding import unfold
 
 THREE = """
@@ -110,7 +111,7 @@ def test_an_archive_holds_the_dimensions(tmp_path, text):
     xd.save(run(text), tmp_path / "saved.nc")
     opened = xd.open_run(tmp_path / "saved.nc")
     streamed = xd.simulate(model(text), path=tmp_path / "streamed.nc")
-    assert xd.verify(tmp_path / "saved.nc") == xd.content_digest(run(text)) == xd.content_digest(streamed)
+    assert verified(tmp_path / "saved.nc") == xd.content_digest(run(text)) == xd.content_digest(streamed)
     assert {*opened.indexes} == {*run(text).indexes}
     for name, variable in run(text).variables.items():
         assert opened[name].dims == variable.dims

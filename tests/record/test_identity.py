@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.archive import reading
 from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.seals import Tail
@@ -101,10 +102,10 @@ def test_derived_data_say_so_everywhere(run: xr.Dataset, tmp_path: Path) -> None
     assert (kept.attrs["derived"], kept.attrs["derived_from"]) == ("theta scaled by 1.1", digest)
     said = f"derived data, no run: theta scaled by 1.1; from run {digest}"
     with pytest.warns(KindWarning, match=said) as told:
-        assert xd.verify(path) != digest
+        assert xd.verify(path).digest != digest
     assert told[0].filename == __file__
-    verified = call("verify", path)
-    assert (verified.exit_code, said in verified.output, verified.output.startswith("verified")) == (0, True, False)
+    shown = call("verify", path)
+    assert (shown.exit_code, said in shown.output, shown.output.startswith("verified")) == (0, True, True)
     assert said in call("show", path).output
     assert "completed" not in call("show", path).output
     with pytest.raises(xd.InputError, match=f"is {said}; reproduce the archive of that run"):
@@ -227,7 +228,7 @@ def test_a_copy_is_the_same_run(run: xr.Dataset, tmp_path: Path, sent: Change) -
     """Assert that what another process, dask or a copy gives back is saved as the run, and an edit of it is not."""
     copy = sent(run)
     xd.save(copy, tmp_path / "copy.nc")
-    assert xd.verify(tmp_path / "copy.nc") == xd.content_digest(run)
+    assert verified(tmp_path / "copy.nc") == xd.content_digest(run)
     with pytest.raises(xd.InputError, match="variable 'theta'"):
         xd.save(scaled(copy), tmp_path / "edited.nc")
 
@@ -267,7 +268,7 @@ def test_what_is_remembered_shows_as_a_short_text(run: xr.Dataset, tmp_path: Pat
     assert len(run.attrs["origin"]) < 70
     run.to_netcdf(tmp_path / "plain.nc")
     assert "origin" not in xr.open_dataset(xd.save(run, tmp_path / "run.nc"), decode_times=False).attrs
-    assert xd.content_digest(run) == xd.verify(tmp_path / "run.nc")
+    assert xd.content_digest(run) == verified(tmp_path / "run.nc")
     assert xd.compare(run, xd.open_run(tmp_path / "run.nc")).attrs["identical"] == 1
 
 
@@ -278,13 +279,13 @@ def test_a_dataset_opened_by_xarray_is_known_by_its_digest(tmp_path: Path) -> No
         xd.save(plain.load(), tmp_path / "copy.nc")
         with pytest.raises(xd.InputError, match="its origin is unknown"):
             xd.save(scaled(plain), tmp_path / "edited.nc")
-    assert xd.verify(tmp_path / "copy.nc") == xd.verify(path)
+    assert verified(tmp_path / "copy.nc") == verified(path)
 
 
 def test_history_may_be_written(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that circumstances are no edit."""
     run.attrs["history"] = f"{run.attrs['history']}\n2026-11-21 looked at"
-    assert xd.verify(xd.save(run, tmp_path / "run.nc")) == xd.content_digest(run)
+    assert verified(xd.save(run, tmp_path / "run.nc")) == xd.content_digest(run)
 
 
 def test_a_selection_may_be_without_its_first_row(tmp_path: Path) -> None:
@@ -317,7 +318,7 @@ def test_a_file_that_is_replaced_while_it_is_verified_is_whole(tmp_path: Path, m
         return found
 
     monkeypatch.setattr(reading, "examined", slowly)
-    assert xd.verify(path) == xd.content_digest(swing())
+    assert verified(path) == xd.content_digest(swing())
 
 
 @pytest.mark.parametrize(("name", "value"), [("xdynamics_version", "9.9"), ("date_created", "1900-01-01T00:00:00Z")])
@@ -327,4 +328,4 @@ def test_circumstances_are_those_of_the_march(tmp_path: Path, name: str, value: 
     with pytest.raises(xd.InputError, match=f"attribute '{name}' is '{value}', in the run"):
         xd.save(made.assign_attrs({name: value}), tmp_path / "run.nc")
     xd.save(made.assign_attrs(history=made.attrs["history"] + "; looked at"), tmp_path / "run.nc")
-    assert xd.verify(tmp_path / "run.nc") == xd.content_digest(made)
+    assert verified(tmp_path / "run.nc") == xd.content_digest(made)

@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
+from cases.verdicts import verified
 from xdynamics.archive import segments
 from xdynamics.archive.signatures import new_key
 from xdynamics.elementary.piecewise import POLYNOMIALS
@@ -146,7 +147,7 @@ def test_what_reads_a_run_reads_it(tmp_path: Path) -> None:
         xd.simulate(swing(), until="1.7 s", nodes=["1 s"], **SERIES, **LONG)
     )
     xd.save(run, tmp_path / "run.nc")
-    assert xd.verify(tmp_path / "run.nc")
+    assert verified(tmp_path / "run.nc")
     assert xd.open_run(tmp_path / "run.nc").attrs["precision"].startswith("double_double")
 
 

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from cases.problems import MODELS, driven_decay, oscillator, particle
+from cases.verdicts import verified
 from xdynamics.archive import marched
 from xdynamics.cli import main
 from xdynamics.evidence.comparing.bits import bitwise
@@ -62,7 +63,7 @@ def test_streamed_and_extended_twice(tmp_path: Path) -> None:
     xd.extend(first, until="1500 ms", path=second)
     run = xd.extend(second, until="2 s", path=third)
     whole = xd.simulate(PENDULUM, method="dop853", rtol=1e-9, until=2.0, nodes=["1 s", 1.5])
-    assert xd.verify(third) == xd.content_digest(whole)
+    assert verified(third) == xd.content_digest(whole)
     assert run.attrs["solver_nodes"].tolist() == [1.0, 1.5]
     assert xd.reproduce(third).attrs["identical"] == 1
 
@@ -85,7 +86,7 @@ def test_an_extension_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     with pytest.raises(xd.ArchiveError, match="power cut"):
         xd.extend(start, until=40.0, path=path, progress=interrupt)
     xd.extend(start, until=40.0, path=path, resume=True)
-    assert xd.verify(path) == xd.content_digest(xd.simulate(PENDULUM, **asked, until=40.0, nodes=[20.0]))
+    assert verified(path) == xd.content_digest(xd.simulate(PENDULUM, **asked, until=40.0, nodes=[20.0]))
 
 
 def blown_up() -> xr.Dataset:

@@ -11,6 +11,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import marches, no_march
+from cases.verdicts import verified
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 FIXED: dict[str, Any] = {"method": "rk4", "step": "20 ms", "until": "1 s"}
@@ -49,7 +50,7 @@ def test_verbs_take_it_as_the_run_that_it_will_be(tmp_path: Path) -> None:
         assert xd.content_digest(run) == xd.content_digest(eager)
         assert float(xd.sample(run, 0.5).x[0]) == float(xd.sample(eager, 0.5).x[0])
     assert len(begun) == 1
-    assert xd.verify(tmp_path / "run.nc") == xd.verify(tmp_path / "eager.nc")
+    assert verified(tmp_path / "run.nc") == verified(tmp_path / "eager.nc")
 
 
 def test_sizes_are_stated_where_only_marching_tells_them() -> None:

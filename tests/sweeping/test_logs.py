@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.archive import sandboxed_reading
 from xdynamics.evidence.stages import computed
 from xdynamics.sweeping import logs
@@ -60,7 +61,7 @@ def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monk
     read = counted(monkeypatch)
     page = xd.report(tmp_path, logs=xd.open_logs(grid, [0.5, 1.0]))
     assert len(read) == len({*read}) == 4
-    assert f"logs.nc, {xd.verify(tmp_path / 'logs.nc')}" in page
+    assert f"logs.nc, {verified(tmp_path / 'logs.nc')}" in page
     (held,) = computed(xd.open_logs(grid, [0.5]))
     held["x"] = held.x + 1.0
     with pytest.raises(xd.InputError, match="variable 'x' is .* in row 0, in the run"):

@@ -10,6 +10,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
+from cases.verdicts import verified
 from xdynamics.archive import writing
 
 MODEL = oscillator().model
@@ -24,7 +25,7 @@ def test_one_file_of_a_block_is_read_again_in_full(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(writing, "compare", lambda *given: compared.append(given[0].parent.name) or compare(*given))
     grid = xd.sweep(MODEL, {"k": "1:2:10 N m-1"}, path=tmp_path / "grid", members_per_task=5, **ASKED)
     assert compared.count("runs") == 2
-    assert len({xd.verify(tmp_path / "grid" / str(name)) for name in grid.run_file.values}) == 10
+    assert len({verified(tmp_path / "grid" / str(name)) for name in grid.run_file.values}) == 10
 
 
 def test_what_is_written_otherwise_than_given_is_no_member(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

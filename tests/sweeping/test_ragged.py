@@ -12,6 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches
+from cases.verdicts import verified
 from xdynamics.record import faults_of
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -33,7 +34,7 @@ def rows(swept: xr.Dataset) -> xr.Dataset:
 def test_rows_of_many_runs_are_saved_and_opened(rows: xr.Dataset, tmp_path: Path) -> None:
     """Assert the same bits from the file, whole and in chunks, the digest of what was saved, and times as coordinates."""
     xd.save(rows, tmp_path / "rows.nc")
-    assert xd.verify(tmp_path / "rows.nc") == xd.content_digest(rows)
+    assert verified(tmp_path / "rows.nc") == xd.content_digest(rows)
     with xd.open_run(tmp_path / "rows.nc") as kept, xd.open_run(tmp_path / "rows.nc", chunks={"row": 7}) as chunked:
         assert_same_bits(
             kept.assign(run_solver_method=kept.run_solver_method.astype(rows.run_solver_method.dtype)), rows
@@ -41,7 +42,7 @@ def test_rows_of_many_runs_are_saved_and_opened(rows: xr.Dataset, tmp_path: Path
         assert [*kept.coords] == ["time"]
         assert len(chunked.y.chunks[0]) > 2
         xd.save(chunked, tmp_path / "again.nc")
-    assert xd.verify(tmp_path / "again.nc") == xd.content_digest(rows)
+    assert verified(tmp_path / "again.nc") == xd.content_digest(rows)
 
 
 def test_lazy_rows_are_described_and_saved_as_many_as_there_are(
@@ -61,7 +62,7 @@ def test_lazy_rows_are_described_and_saved_as_many_as_there_are(
         assert_same_bits(exact, rows)
         xd.save(longer, tmp_path / "rows.nc")
         assert len(marched) == 2  # of each method all runs, once
-    assert xd.verify(tmp_path / "rows.nc") == xd.content_digest(rows)
+    assert verified(tmp_path / "rows.nc") == xd.content_digest(rows)
     xd.save(exact.compute(), tmp_path / "rows.nc")
     with xd.open_run(tmp_path / "rows.nc") as kept:
         assert_same_bits(kept, rows.drop_vars("run_solver_method"))

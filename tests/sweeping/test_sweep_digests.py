@@ -12,6 +12,7 @@ import pytest
 import xdynamics as xd
 from cases.odd import changed
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.catalogue import verify_sweep
 from xdynamics.sweeping.members import marched
@@ -24,7 +25,7 @@ def swept(path: Path) -> str:
     """March a sweep with whole logs into a folder; return its content digest."""
     with dask.config.set(scheduler="synchronous"):
         xd.sweep(xd.Model.from_toml(MODELS / "ball_drag.toml"), AXES, path=path, **ASKED).close()
-    return xd.verify(path)
+    return verified(path)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def test_two_laboratories_have_one_digest(first: Path, tmp_path: Path) -> None:
     with xd.open_sweep(first) as one, xd.open_sweep(tmp_path / "second") as other:
         assert (one.run_seal.values != other.run_seal.values).all()
         assert (one.run_digest.values == other.run_digest.values).all()
-    assert digest == xd.verify(first)
+    assert digest == verified(first)
 
 
 @pytest.mark.dear
@@ -64,7 +65,7 @@ def test_a_resumed_sweep_has_the_digest_of_the_whole(
         swept(tmp_path / "s")
     monkeypatch.undo()
     assert len(list((tmp_path / "s" / "runs").iterdir())) == 2
-    assert swept(tmp_path / "s") == xd.verify(first)
+    assert swept(tmp_path / "s") == verified(first)
 
 
 @pytest.mark.dear

@@ -14,6 +14,7 @@ from scipy.stats import sobol_indices
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.verdicts import verified
 from xdynamics.sweeping.catalogue import UNFINISHED
 from xdynamics.sweeping.indices import _shares
 
@@ -256,7 +257,7 @@ def test_a_damaged_folder_is_told_and_mended(tmp_path: Path) -> None:
     for path in (other, tmp_path / "s" / "runs" / "foo.nc", tmp_path / "s" / "catalogue.nc"):
         path.unlink()
     assert xd.sweep(BALL, axes, **settings).run_digest.values.tolist() == right
-    assert len(xd.verify(tmp_path / "s")) == 64
+    assert len(verified(tmp_path / "s")) == 64
 
 
 def test_members_that_simulate_refuses_are_rows(tmp_path: Path) -> None:
@@ -266,7 +267,7 @@ def test_members_that_simulate_refuses_are_rows(tmp_path: Path) -> None:
     assert [str(one) for one in found.run_file.values[1:]] == ["", ""]
     assert {*map(str, found.run_outcome.values[1:])} <= {"contact_undetermined", "contact_penetrated"}
     assert float(xd.member(found, body=0).y[-1]) == float(found.end_y[0])
-    assert len(xd.verify(tmp_path / "s")) == 64
+    assert len(verified(tmp_path / "s")) == 64
 
 
 def test_the_event_that_ended_a_run_is_kept() -> None:

@@ -19,6 +19,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.sweeping import member_files, zarr_blocks, zarr_digests
 
 pytest.importorskip("zarr")
@@ -52,7 +53,7 @@ def test_a_store_has_what_a_sweep_has(stored: Path, whole: xr.Dataset) -> None:
     for name in whole.data_vars:
         np.testing.assert_array_equal(sweep[name].values, whole[name].values)
         assert sweep[name].attrs["units"] == whole[name].attrs["units"]
-    assert xd.verify(stored) == sweep.attrs["content_digest"]
+    assert verified(stored) == sweep.attrs["content_digest"]
     run = xd.member(sweep, k="2 N m-1", method="heun")
     assert float(run.x[-1]) == float(whole.end_x[4, 1])
     assert xd.sweep(MODEL, **ASKED, path=stored).attrs["content_digest"] == sweep.attrs["content_digest"]
@@ -91,7 +92,7 @@ def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
         sweep = xd.sweep(MODEL, **ASKED, path=folder, members_per_task=2)
     assert len(again) == 3
     assert sweep.end_x.values.tolist() == whole.end_x.values.tolist()
-    assert xd.verify(folder)
+    assert verified(folder)
 
 
 def test_damage_is_named(stored: Path) -> None:
@@ -164,7 +165,7 @@ def test_whole_runs_stand_beside_the_arrays(tmp_path: Path) -> None:
     assert plain.run_file.attrs["encoded"].startswith("hexadecimal, runs/….nc")
     assert plain.run_file[0].values.tobytes().hex() in str(whole.run_file[0].values)
     xd.sweep(MODEL, **LOGGED, path=tmp_path / "again.zarr", members_per_task=1)
-    assert xd.verify(folder) == xd.verify(tmp_path / "again.zarr")
+    assert verified(folder) == verified(tmp_path / "again.zarr")
     first = next(iter(archived))
     first.write_bytes(first.read_bytes()[:-1])
     with pytest.raises(xd.ArchiveError, match=f"{first.name}: its seal is"):
@@ -186,11 +187,11 @@ def test_a_digest_says_nothing_of_the_machine() -> None:
 @pytest.mark.dear
 def test_a_digest_does_not_depend_on_how_members_are_cut(stored: Path, tmp_path: Path) -> None:
     """Assert one content digest of one sweep in blocks of one, two and all members, and another of another value."""
-    digests = {xd.verify(stored)}
+    digests = {verified(stored)}
     for members in (1, 3, 10):
         path = tmp_path / f"{members}.zarr"
         xd.sweep(MODEL, **ASKED, path=path, members_per_task=members)
-        digests.add(xd.verify(path))
+        digests.add(verified(path))
     assert len(digests) == 1
     array = zarr_digests.arrays_in(stored, "r+")["end_x"]
     array[0, 0] += 1e-16
@@ -228,7 +229,7 @@ def test_zeros_with_a_sign_keep_it(tmp_path: Path) -> None:
     grid, found = xd.sweep(still, **asked).compute(), xd.sweep(still, **asked, path=tmp_path / "still.zarr")
     assert found.end_v_x.values.tobytes() == grid.end_v_x.values.tobytes()
     assert np.signbit(grid.end_v_x.values).any() or np.signbit(grid.end_x.values).any()
-    assert xd.verify(tmp_path / "still.zarr")
+    assert verified(tmp_path / "still.zarr")
 
 
 @pytest.mark.dear
@@ -250,7 +251,7 @@ def test_what_was_left_behind_the_end_is_cleared(stored: Path) -> None:
     """Assert that digests of blocks, which a process was killed while it removed, are removed by the next call."""
     left = stored / ".xdynamics" / "0-2_0-1.json"
     left.write_text("{}")
-    digest = xd.verify(stored)
+    digest = verified(stored)
     assert xd.sweep(MODEL, **ASKED, path=stored).attrs["content_digest"] == digest
     assert sorted(entry.name for entry in left.parent.iterdir()) == ["blocks.json", "digests.json", "zarr.json"]
 
@@ -274,4 +275,4 @@ def test_a_full_disk_is_named_and_the_store_goes_on(
         ):
             xd.sweep(MODEL, **ASKED, path=path, members_per_task=2)
     xd.sweep(MODEL, **ASKED, path=path, members_per_task=2)
-    assert xd.verify(path) == xd.verify(stored)
+    assert verified(path) == verified(stored)

@@ -21,6 +21,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from cases.object_server import bucket
 from cases.problems import oscillator
+from cases.verdicts import verified
 from xdynamics.archive.place import placed
 from xdynamics.cli import main
 from xdynamics.sweeping import grid, zarr_blocks, zarr_growth
@@ -72,7 +73,7 @@ def test_added_members_are_as_if_made_at_once(
     grown = xd.sweep(MODEL, after, path=stored, **ASKED)
     assert sum(marched) == grown.end_x.size - there
     once = xd.sweep(MODEL, after, path=tmp_path / "once.zarr", **ASKED)
-    assert xd.verify(stored) == xd.verify(tmp_path / "once.zarr") == grown.attrs["content_digest"]
+    assert verified(stored) == verified(tmp_path / "once.zarr") == grown.attrs["content_digest"]
     xr.testing.assert_identical(grown.drop_attrs().load(), once.drop_attrs().load())
     for consolidated in (True, False):
         plain = [xr.open_zarr(path, consolidated=consolidated) for path in (stored, tmp_path / "once.zarr")]
@@ -88,7 +89,7 @@ def test_added_members_are_as_if_made_at_once(
     ]
     further = xd.sweep(MODEL, after | {"k": [*after["k"], 3.0]}, path=stored, **ASKED)
     assert sum(marched) == further.sizes["solver_method"]
-    assert xd.verify(stored)
+    assert verified(stored)
 
 
 @pytest.mark.dear
@@ -101,7 +102,7 @@ def test_whole_runs_are_added(tmp_path: Path) -> None:
     assert {place: place.stat().st_mtime_ns for place in there} == there
     for k in STIFFER["k"]:
         assert float(xd.member(grown, k=k).x[-1]) == float(grown.end_x.sel(k=k))
-    assert xd.verify(tmp_path / "grid.zarr") == grown.attrs["content_digest"]
+    assert verified(tmp_path / "grid.zarr") == grown.attrs["content_digest"]
 
 
 def broken(times: int, function: Any) -> Any:
@@ -123,7 +124,7 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     blocks: int, stored: Path, marched: list[int]
 ) -> None:
     """Assert the old sweep for us and for plain xarray, what `verify` says, that another addition waits, and the end of this one."""
-    before, after = xd.verify(stored), BEFORE | STIFFER | THIRD
+    before, after = verified(stored), BEFORE | STIFFER | THIRD
     marched.clear()
     old = xr.open_zarr(stored).load()
     with (
@@ -132,7 +133,7 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
         pytest.raises(KeyboardInterrupt),
     ):
         xd.sweep(MODEL, after, path=stored, **ASKED)
-    assert xd.verify(stored) == before
+    assert verified(stored) == before
     for consolidated in (True, False):
         xr.testing.assert_identical(xr.open_zarr(stored, consolidated=consolidated).load(), old)
     assert xd.sweep(MODEL, BEFORE, path=stored, **ASKED).attrs["content_digest"] == before
@@ -146,7 +147,7 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     grown = xd.sweep(MODEL, after, path=stored, **ASKED)
     assert (done > 0, sum(marched)) == (True, 9)
     assert grown.end_x.values.tolist() == xd.sweep(MODEL, after, **ASKED).end_x.values.tolist()
-    assert xd.verify(stored) == grown.attrs["content_digest"] != before
+    assert verified(stored) == grown.attrs["content_digest"] != before
 
 
 @pytest.mark.dear
@@ -163,14 +164,14 @@ def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored:
         with mock.patch.object(zarr_growth, "_replace", broken(moment, replace)):
             stopped = stops(exchange, plan, folder, folder / ".xdynamics" / work.name)
         assert stopped == (moment < most)  # the metadata of every array and of one axis, the blocks, metadata, digests
-        digests[moment] = xd.verify(folder)
+        digests[moment] = verified(folder)
         assert xd.open_sweep(folder).sizes["k"] == xr.open_zarr(folder).sizes["k"] == (3, 5)[moment > most - 2]
         assert bool(zarr_growth.growths(folder)) == stopped
     assert digests[0] == digests[1] == digests[most - 2] != digests[most - 1] == digests[most]
     for moment in (1, most - 1):
         folder = tmp_path / f"{moment}.zarr"
         assert xd.sweep(MODEL, after, path=folder, **ASKED).attrs["content_digest"] == digests[most]
-        assert xd.verify(folder) == digests[most]
+        assert verified(folder) == digests[most]
         assert zarr_growth.growths(folder) == []
 
 
@@ -248,7 +249,7 @@ def kill_in_the_middle(model: Path, folder: str, axes: dict[str, Any], left: int
 @pytest.mark.dear
 def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path: Path, marched: list[int]) -> None:
     """Assert the old sweep after kill -9 behind the third of six blocks, and that the same call marches what is missing."""
-    old, after = xd.verify(stored), BEFORE | {"k": [*BEFORE["k"], 1.75, 2.0, 3.0, 4.0]}
+    old, after = verified(stored), BEFORE | {"k": [*BEFORE["k"], 1.75, 2.0, 3.0, 4.0]}
     if not (child := os.fork()):
         keep, left = zarr_blocks._keep, iter(range(3))
 
@@ -262,12 +263,12 @@ def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path
         finally:
             os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
-    assert xd.verify(stored) == old == xd.verify(whole)
+    assert verified(stored) == old == verified(whole)
     xr.testing.assert_identical(xr.open_zarr(stored).load(), xr.open_zarr(whole).load())
     marched.clear()
     grown = xd.sweep(MODEL, after, path=stored, **ASKED)
     assert 0 < sum(marched) < 4 * len(BEFORE["method"])
-    assert xd.verify(stored) == xd.verify(once(after, tmp_path)) == grown.attrs["content_digest"]
+    assert verified(stored) == verified(once(after, tmp_path)) == grown.attrs["content_digest"]
 
 
 def once(axes: dict[str, Any], folder: Path) -> Path:
@@ -285,12 +286,12 @@ def test_members_are_added_in_an_object_store(tmp_path: Path, marched: list[int]
     with bucket() as way:
         old = xd.sweep(MODEL, BEFORE, path=place, **ASKED).attrs["content_digest"]
         kill_in_the_middle(tmp_path / "model.toml", place, after, left=3)
-        assert xd.verify(place) == xd.open_sweep(place).attrs["content_digest"] == old
+        assert verified(place) == xd.open_sweep(place).attrs["content_digest"] == old
         marched.clear()
         with way.once("lost", "PUT"):
             grown = xd.sweep(MODEL, after, path=place, **ASKED)
         assert 0 < sum(marched) < 15 - 6
-        assert xd.verify(place) == xd.verify(once(after, tmp_path)) == grown.attrs["content_digest"]
+        assert verified(place) == verified(once(after, tmp_path)) == grown.attrs["content_digest"]
         assert zarr_growth.growths(placed(place)) == []
 
 
@@ -305,4 +306,4 @@ def test_members_are_added_on_a_cluster(stored: Path, tmp_path: Path) -> None:
         killer.start()
         grown = xd.sweep(MODEL, after, path=stored, **ASKED)
         killer.join()
-    assert xd.verify(stored) == xd.verify(once(after, tmp_path)) == grown.attrs["content_digest"]
+    assert verified(stored) == verified(once(after, tmp_path)) == grown.attrs["content_digest"]

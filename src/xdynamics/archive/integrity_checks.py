@@ -2,25 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.archive.declared_sizes import declared, foreign, oversize
 from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.place import Place
-from xdynamics.archive.seals import Tail, digests_in, letters_of, root_digest, stored_digest, volatile_digest
+from xdynamics.archive.seals import Seal, Tail, digests_in, letters_of, root_digest, stored_digest, volatile_digest
 from xdynamics.archive.text_encoding import bytes_of, form_of
 from xdynamics.faults import ArchiveError, numbered
 from xdynamics.record.variable_attributes import own_attributes
-from xdynamics.schema import DIGEST, DIGESTS, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of, is_former
+from xdynamics.schema import (
+    DIGEST,
+    DIGESTS,
+    DOCUMENT,
+    EVIDENCE,
+    LABEL,
+    MODEL_DIMENSIONS,
+    NAMES_ROWS,
+    OF_RECORD,
+    ORIGIN,
+    PROVEN,
+    ROOT_DIGEST,
+    RUNS,
+    SEALED,
+    STEP_NUMBER,
+    TEXT_NAMES,
+    VOLATILE_DIGEST,
+    coordinates_of,
+    is_former,
+    label_of,
+)
 
 AT_ONCE = (
     1_000_000  # bytes of a file that is compared while no other thread is in the library: some hundredths of a second
 )
+
+
+VERIFIED, REPACKED, EDITED, DAMAGED = "verified", "repacked", "edited", "damaged"
+HARM, EDIT, MANNER = range(3)  # what a fault is of: of the file, of what the record says, of how a file keeps that
 
 
 @dataclass(frozen=True)
@@ -30,27 +57,62 @@ class Examination:
     Attributes
     ----------
     faults : tuple of str
-        Everything that differs; empty for an archive as it was written.
+        Everything that differs; empty where every number agrees.
     digest : str
         The content digest that it states.
     outcome : str
         How its run ended, as recorded.
+    verdict : str
+        `VERIFIED`, `REPACKED` by another program, `EDITED` or `DAMAGED`.
     """
 
     faults: tuple[str, ...]
     digest: str = ""
     outcome: str = ""
+    verdict: str = VERIFIED
 
-    def settle(self, path: Place) -> None:
+    @classmethod
+    def of(cls, found: Sequence[Fault], tail: Tail, attributes: Mapping[str, Any]) -> Examination:
+        """Judge what was found: a seal covers every byte, and where none is there, what the record says decides."""
+        kinds = {kind for kind, _ in found}
+        faults = tuple(text for _, text in found)
+        if HARM in kinds:
+            sealed = tail.digest or tail.fault
+            verdict, faults = DAMAGED, tuple(text for kind, text in found if sealed or kind != MANNER)
+        elif tail.digest:
+            verdict = EDITED if faults else VERIFIED
+        elif EDIT in kinds:
+            verdict, faults = EDITED, tuple(text for kind, text in found if kind == EDIT)
+        else:  # archives of the first versions had no seal
+            verdict, faults = REPACKED if faults or SEALED in attributes else VERIFIED, ()
+        return cls(faults, str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")), verdict)
+
+    def settle(self, path: Place, *, also_edited: bool = False) -> None:
         """Raise the faults as one error, if there are any.
+
+        Parameters
+        ----------
+        path : Path
+        also_edited : bool
+            Whether what was edited is let pass.
 
         Raises
         ------
         ArchiveError
             With every fault.
         """
-        if self.faults:
-            raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(self.faults)}", self.faults)
+        if not self.faults or (also_edited and self.verdict == EDITED):
+            return
+        said = "was edited since it was archived" if self.verdict == EDITED else "is damaged or no run archive"
+        raise ArchiveError(f"'{path}' {said}:{numbered(self.faults)}", self.faults, self.verdict)
+
+
+Fault = tuple[int, str]
+
+
+def harmed(*harms: str) -> Examination:
+    """Return the result for a file that cannot be read."""
+    return Examination(harms, verdict=DAMAGED)
 
 
 def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
@@ -64,13 +126,13 @@ def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None
     granted : callable, optional
         Called with the number of bytes to be read, once the file can hold that many.
     """
-    faults = [tail.fault] if tail.fault else []
+    found = [tail.fault] if tail.fault else []
     try:
         objects = inventory(path)
     except DAMAGE as error:
-        return Examination((*faults, f"it cannot be read: {words_of(error)}"))
+        return harmed(*found, f"it cannot be read: {words_of(error)}")
     if objects.faults:  # not opened: the netCDF library would follow them
-        return Examination((*faults, *objects.faults))
+        return harmed(*found, *objects.faults)
     return compare(path, tail, objects, granted)
 
 
@@ -88,55 +150,49 @@ def compare(
     granted : callable, optional
         As for `examine`.
     """
-    faults = [tail.fault] if tail.fault else []
+    found = [tail.fault] if tail.fault else []
     try:
         with opened(path) as file:
             if bounds := oversize(path, file):
-                return Examination((*faults, *bounds))
+                return harmed(*found, *bounds)
             if granted:
                 granted(declared(file))
             if path.stat().st_size <= AT_ONCE:  # one turn in the library for all of it, not six for each variable
-                return alone(_examined)(file, tail, faults, objects)
-            return _examined(file, tail, faults, objects)
+                return alone(_examined)(file, tail, found, objects)
+            return _examined(file, tail, found, objects)
     except DAMAGE as error:
-        return Examination((*faults, f"it cannot be read: {words_of(error)}"))
+        return harmed(*found, f"it cannot be read: {words_of(error)}")
 
 
-def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | None) -> Examination:
-    faults += foreign(file)
+def _examined(file: Any, tail: Tail, harms: list[str], objects: Inventory | None) -> Examination:
+    found = [(HARM, harm) for harm in harms] + [(MANNER, fault) for fault in foreign(file)]
     attributes = attributes_of(file)
     if objects is not None:
         shown = {name: {*attributes_of(variable)} for name, variable in file.variables.items()}
-        faults += objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})
+        found += [(HARM, fault) for fault in objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})]
     if ORIGIN in attributes:
-        faults.append(f"attribute '{ORIGIN}' is none of an archive")
-    if SEALED in attributes and tail == Tail():
-        faults.append("its seal is missing: the end of the file is cut off or overwritten")
-    missing = [f"attribute '{name}' is missing" for name in (ROOT_DIGEST, VOLATILE_DIGEST) if name not in attributes]
-    stated, noted = digests_in(attributes), dict[str, _Stored]()
-    differing = [
-        f"variable '{name}' {fault}"
-        for name in file.variables
-        if (fault := _fault_of(name, file.variables, stated, noted))
-    ]
-    if DIGESTS in attributes and {*stated} != {*file.variables}:
-        differing.append("the variables are not those that the file states digests of")
-    if len(noted) == len(file.variables):  # else what could not be read would be missing among the coordinates
-        about = {name: (stored.dims, stored.attributes.get("role")) for name, stored in noted.items()}
-        named = {name: coordinates_of(name, about, former=is_former(attributes)) for name in about}
-        differing += [
-            f"variable '{name}' is not stored as it was written"
-            for name, stored in noted.items()
-            if stored.coordinates not in (None, named[name])
-        ]
-    digests = {name: stored.digest for name, stored in noted.items()}
-    own = {name: stored.attributes for name, stored in noted.items()}
-    faults += missing + differing
-    if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
-        faults.append("the attributes differ from the content digest")
-    if not missing and attributes[VOLATILE_DIGEST] != volatile_digest(digests, own, attributes):
-        faults.append("the attributes on date, versions and machine differ from their digest")
-    return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
+        found.append((MANNER, f"attribute '{ORIGIN}' is none of an archive"))
+    if ROOT_DIGEST not in attributes:
+        found.append((HARM, f"attribute '{ROOT_DIGEST}' is missing, which xd.save writes"))
+    needed = [VOLATILE_DIGEST, *([] if is_former(attributes) else [DIGESTS])]
+    found += [(MANNER, f"attribute '{name}' is missing") for name in needed if name not in attributes]
+    record = _Record(
+        attributes, {recorded_name(name, variable, attributes): variable for name, variable in file.variables.items()}
+    )
+    differing = [*record.faults()]
+    found += differing
+    if ROOT_DIGEST in attributes and all(kind == MANNER for kind, _ in differing) and not record.agrees():
+        found.append((EDIT, "the attributes differ from the content digest"))
+    if VOLATILE_DIGEST in attributes and attributes[VOLATILE_DIGEST] != record.volatile_digest():
+        found.append((MANNER, "the attributes on date, versions and machine differ from their digest"))
+    return Examination.of(found, tail, attributes)
+
+
+def recorded_name(name: str, variable: Any, attributes: Mapping[str, Any]) -> str:
+    """Return what a record calls a variable: labels are the index of their dimension in memory, and so in files by xarray."""
+    dims = alone(lambda: variable.dimensions)()
+    is_index = MODEL_DIMENSIONS in attributes and dims[:1] == (name,)
+    return label_of(name) if is_index and attributes_of(variable).get("role") == LABEL else name
 
 
 class _Stored(NamedTuple):
@@ -148,27 +204,113 @@ class _Stored(NamedTuple):
     coordinates: str | None
 
 
-def _fault_of(name: str, variables: Mapping[str, Any], stated: Mapping[str, str], noted: dict[str, _Stored]) -> str:
-    """Compare one of a file's variables with its digest, and note what it holds; return its fault."""
-    variable = variables[name]
-    try:
-        digest = stored_digest(variable)
-        attributes = attributes_of(variable)
-        dims, shape, dtype = alone(lambda: (variable.dimensions, variable.shape, variable.dtype))()
-        form, is_text = form_of(attributes, dtype, dims, shape), dtype == "S1"
-        text = read(variable, ...).tobytes() if is_text else b""
-    except DAMAGE as error:
-        return f"cannot be read: {words_of(error)}"
-    further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
-    own_dims = dims[:-1] if further else dims
-    noted[name] = _Stored(digest, own_attributes(attributes), own_dims, attributes.get("coordinates"))
-    try:
-        text.decode()
-    except UnicodeDecodeError as error:
-        return f"is no text in UTF-8: {error.reason} at {error.start}"
-    if stated.get(name, attributes.get(DIGEST)) != digest:
-        return "differs from its digest"
-    recoded = is_text and attributes.get("_Encoding", "utf-8") != "utf-8"
-    if recoded or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
-        return "is not stored as it was written"
-    return ""
+class _Record:
+    """What a file holds of a record, compared with the digests that it states.
+
+    Parameters
+    ----------
+    attributes : dict
+    variables : dict of str to netCDF4.Variable
+        By their names in the record.
+    """
+
+    def __init__(self, attributes: Mapping[str, Any], variables: Mapping[str, Any]) -> None:
+        self._attributes, self._stated = attributes, digests_in(attributes)
+        self._variables, self._noted = dict(variables), dict[str, _Stored]()
+        texts = [alone(lambda: text.dimensions)() for name in TEXT_NAMES if (text := variables.get(name)) is not None]
+        # a record of the former schema that was opened here and written by another program has the words of today
+        self._in_words_of_today = is_former(attributes) and (DOCUMENT,) in [dims[:1] for dims in texts]
+        self._numbers = self._numbers_of_rows() if self._in_words_of_today else None
+
+    def _numbers_of_rows(self) -> NDArray[np.int64] | None:
+        """Return what names rows in the words of today, if the record as it was written has these numbers too."""
+        if (variable := self._variables.get(STEP_NUMBER.name)) is None:
+            return None
+        numbers = np.asarray(read(variable, ...))
+        if STEP_NUMBER.name in self._stated or not np.array_equal(numbers, np.arange(numbers.size)):
+            return numbers
+        del self._variables[STEP_NUMBER.name]  # made when it was opened
+        return None
+
+    def faults(self) -> Iterator[Fault]:
+        """Compare every variable with its digest, and yield what differs, or is kept in another manner."""
+        for name in self._variables:
+            if (fault := self._fault_of(name)) is not None:
+                yield fault
+        if self._stated:
+            yield from (
+                (EDIT, f"variable '{name}' is missing, of which there is a digest")
+                for name in self._stated
+                if name not in self._variables
+            )
+        if len(self._noted) == len(
+            self._variables
+        ):  # else what could not be read would be missing among the coordinates
+            about = {name: (stored.dims, stored.attributes.get("role")) for name, stored in self._noted.items()}
+            for name, stored in self._noted.items():
+                if stored.coordinates not in (None, coordinates_of(name, about, former=is_former(self._attributes))):
+                    yield MANNER, f"variable '{name}' is not stored as it was written"
+
+    def _fault_of(self, name: str) -> Fault | None:
+        """Compare one of a file's variables with its digest, and note what it holds; return its fault."""
+        variable = self._variables[name]
+        try:
+            digest = self._digest_of(name)
+            attributes = attributes_of(variable)
+            dims, shape, dtype = alone(lambda: (variable.dimensions, variable.shape, variable.dtype))()
+            form, is_text = form_of(attributes, dtype, dims, shape), dtype == "S1"
+            text = read(variable, ...).tobytes() if is_text else b""
+        except DAMAGE as error:
+            return HARM, f"variable '{name}' cannot be read: {words_of(error)}"
+        further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
+        own_dims = dims[:-1] if further else dims
+        self._noted[name] = _Stored(digest, own_attributes(attributes), own_dims, attributes.get("coordinates"))
+        try:
+            text.decode()
+        except UnicodeDecodeError as error:
+            return HARM, f"variable '{name}' is no text in UTF-8: {error.reason} at {error.start}"
+        stated = self._stated.get(name, attributes.get(DIGEST))
+        if stated != digest and (stated or self._stated):
+            return EDIT, f"variable '{name}' differs from its digest"
+        recoded = dtype is str or (is_text and attributes.get("_Encoding", "utf-8") != "utf-8")
+        if recoded or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
+            return MANNER, f"variable '{name}' is not stored as it was written"
+        return None
+
+    def _digest_of(self, name: str) -> str:
+        """Return the digest of a variable as the record was written."""
+        variable = self._variables[name]
+        if self._numbers is not None and name in NAMES_ROWS:
+            dims, dtype = alone(lambda: (variable.dimensions, variable.dtype))()
+            seal, places = Seal(name, dims, dtype), np.searchsorted(self._numbers, read(variable, ...))
+            seal.update(places.astype(dtype))
+            return seal.hexdigest()
+        return stored_digest(variable, name, single=self._in_words_of_today and name in TEXT_NAMES)
+
+    def agrees(self) -> bool:
+        """Whether the content digest is that of variables and attributes, but for what was noted beside them."""
+        digests, own, wanted = self._digests, self._own, self._attributes[ROOT_DIGEST]
+        names = [*self._attributes]
+        behind = names[names.index(VOLATILE_DIGEST) :] if VOLATILE_DIGEST in names else []  # it is written last
+        for added in ((), behind):
+            left = {name: value for name, value in self._attributes.items() if name not in added or _is_of_record(name)}
+            if root_digest(digests, own, left) == wanted:
+                return True
+        return False
+
+    def volatile_digest(self) -> str:
+        """Return the digest of circumstances as they are in the file."""
+        return volatile_digest(self._digests, self._own, self._attributes)
+
+    @property
+    def _digests(self) -> dict[str, str]:
+        return {name: stored.digest for name, stored in self._noted.items()}
+
+    @property
+    def _own(self) -> dict[str, dict[str, Any]]:
+        return {name: stored.attributes for name, stored in self._noted.items()}
+
+
+def _is_of_record(name: str) -> bool:
+    """Whether readers here take a record for what it is by such an attribute, which nobody notes beside it."""
+    return name.startswith(OF_RECORD) or name in (EVIDENCE, PROVEN, RUNS, "schema_version", "Conventions")

@@ -9,23 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.seals import Seal, digests_in, root_digest, stored_slabs
+from xdynamics.archive.seals import Seal, digests_in, listed, root_digest, stored_slabs
 from xdynamics.record import own_attributes
 from xdynamics.record.folding import labelled, unlabelled
-from xdynamics.record.schemas import modern
+from xdynamics.record.schemas import in_own_words, modern
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import DIGEST, DIGESTS, FLAG_ATTRIBUTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
+from xdynamics.schema import DIGEST, DIGESTS, FLAG_ATTRIBUTES, NOTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:
     import xarray as xr
 
 TEXT = "as it was marched or read; save compares the record with it"
-OUTSIDE = (
-    "history",
-    VOLATILE_DIGEST,
-    ROOT_DIGEST,
-    ORIGIN,
-)  # attributes that may change: what was done, and who the record is
+# attributes that may change: what was done, what is noted beside the record, and who it is
+OUTSIDE = ("history", VOLATILE_DIGEST, ROOT_DIGEST, DIGESTS, ORIGIN, *NOTES)
 
 
 Source = Callable[[], "xr.Dataset | None"]
@@ -65,8 +61,14 @@ class OriginalVariable:
         )
 
 
-class Origin(str):
-    """A short text as an attribute, like any other, which carries the record as it was."""
+class Origin(list[str]):
+    """A short text as an attribute, like any other, which carries the record as it was.
+
+    It is a list of one text: all formats that xarray writes take that, and some refuse a kind of text of our own.
+    """
+
+    def __repr__(self) -> str:
+        return repr(self[0])
 
     attributes: dict[str, Any]
     source: Source | None
@@ -77,7 +79,7 @@ class Origin(str):
         cls, parts: Callable[[], dict[str, OriginalVariable]], attributes: Mapping[Any, Any], source: Source | None
     ) -> Origin:
         """Make an origin of a record's parts, computed on demand, its attributes, and the source of its values."""
-        origin = cls(TEXT)
+        origin = cls([TEXT])
         origin._parts, origin.attributes, origin.source = parts, dict(attributes), source
         return origin
 
@@ -183,23 +185,40 @@ def _of_arrays(
     }
 
 
-def read(run: xr.Dataset, source: Source) -> xr.Dataset:
-    """Remove the digests from the variables of an opened archive, lest arithmetic keep them, and remember them."""
-    parts, stated = {}, digests_in(run.attrs)
-    run.attrs.pop(DIGESTS, None)
+def read(run: xr.Dataset, source: Source, *, edited: bool = False) -> xr.Dataset:
+    """Remember what the variables of an opened archive are, and their digests, all of which stand in one place.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        As it is in the file.
+    source : callable
+        Opens it again.
+    edited : bool
+        Whether its values are not those that its digests are of.
+    """
+    parts = dict[str, OriginalVariable]()
+    stated = digests_in(run.attrs) or {
+        str(name): str(variable.attrs[DIGEST]) for name, variable in run.variables.items() if DIGEST in variable.attrs
+    }
+    run = in_own_words(unlabelled(run))
     for name, variable in run.variables.items():
-        digest = stated.get(str(name), str(variable.attrs.pop(DIGEST, "")))
-        if FLAG_ATTRIBUTES[0] in variable.attrs:  # the library returns a single number without its dimension
-            variable.attrs[FLAG_ATTRIBUTES[0]] = np.atleast_1d(variable.attrs[FLAG_ATTRIBUTES[0]])
+        variable.attrs = own_attributes(variable.attrs)
+        if (values := FLAG_ATTRIBUTES[0]) in variable.attrs:  # of one number, or as other formats keep them
+            numbers = np.atleast_1d(variable.attrs[values])
+            variable.attrs[values] = numbers.astype(variable.dtype) if variable.dtype.kind in "iu" else numbers
         parts[str(name)] = OriginalVariable(
             str(name),
             tuple(map(str, variable.dims)),
             variable.shape,
-            own_attributes(variable.attrs),
-            known=digest,
-            held=variable._data,  # noqa: SLF001
+            variable.attrs,
+            variable=None if str(name) in stated else variable,
+            known=stated.get(str(name), ""),
+            held=None if edited else variable._data,  # noqa: SLF001
         )
-    run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, source)
+    if stated:
+        run.attrs[DIGESTS] = listed(stated)
+    run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, None if edited else source)
     return labelled(modern(run))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.integrity_checks import Examination
+from xdynamics.archive.integrity_checks import DAMAGED, EDITED, VERIFIED, Examination, harmed
 from xdynamics.archive.inventory import inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, attributes, opened, words_of
 from xdynamics.archive.origin import read
@@ -21,7 +21,7 @@ from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_o
 from xdynamics.archive.store import Held
 from xdynamics.archive.stores import store_of
 from xdynamics.archive.text_encoding import form_of
-from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
+from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.partial_records import is_evidence, kind_description
@@ -65,9 +65,14 @@ def open_run(
         If there is no such file, or it is none: a directory, a pipe, a socket, a device; or chunks cannot be made so.
     ArchiveError
         If the file is damaged or no run archive, or of a schema that this version does not know; names what differs.
+
+    Warns
+    -----
+    EditedWarning
+        If what the record says was changed since it was archived; `save` then takes it as derived data alone.
     """
     place = placed(path)
-    run, foreign = _opened(_held(place), check=check)
+    run, examination = _opened(_held(place), check=check)
     run.attrs.pop(SEALED, None)  # describes the file, not the run
     if check:
         try:
@@ -75,8 +80,11 @@ def open_run(
         except ArchiveError:
             run.close()
             raise
-    _check_record(run, place, values=foreign)
-    result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))))
+    edited = examination is not None and examination.verdict == EDITED
+    _check_record(run, place, examination)
+    if examination is not None and edited:
+        warn(f"'{place}' was edited since it was archived: {'; '.join(examination.faults)}", EditedWarning)
+    result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))), edited=edited)
     result = result if chunks is None else _chunked(result, chunks)
     return quantified(result) if quantify else result
 
@@ -143,12 +151,12 @@ def _held(place: Place) -> Held:
     return store.held(place)
 
 
-def _opened(held: Held, *, check: bool) -> tuple[xr.Dataset, bool]:
-    """Check a file and open the same one, again if its name went to another meanwhile; return also whether it was unknown."""
+def _opened(held: Held, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
+    """Check a file and open the same one, again if its name went to another meanwhile; return what was found, if it was unknown."""
     for _ in range(MOST_REPLACED):
-        identity, foreign = _checked(held) if check else (_listed(held), False)
+        identity, examination = _checked(held) if check else (_listed(held), None)
         try:
-            return lent(held.path, identity, held), foreign
+            return lent(held.path, identity, held), examination
         except DAMAGE as error:
             if _identity(held) == identity:
                 raise _unreadable(held.place, error) from None
@@ -161,13 +169,15 @@ def _unreadable(path: Place, error: Exception) -> ArchiveError:
     return ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}")
 
 
-def _checked(held: Held) -> tuple[Identity, bool]:
-    """Compare a file with its seal and digests; return its identity, and whether its bytes were unknown here."""
+def _checked(held: Held) -> tuple[Identity, Examination | None]:
+    """Compare a file with its seal and digests; return its identity, and what was found if its bytes were unknown here."""
     look = _Look.at(held)
     if is_known(look.tail):
         see(look.identity)
-        return look.identity, False
-    return _examined(held, look)[1], True
+        return look.identity, None
+    examination, identity = _examined(held, look)
+    examination.settle(held.place, also_edited=True)
+    return identity, examination
 
 
 def _listed(held: Held) -> Identity:
@@ -178,7 +188,7 @@ def _listed(held: Held) -> Identity:
             objects = inventory(held.path)
         except DAMAGE as error:
             raise _unreadable(held.place, error) from None
-        Examination(tuple(objects.faults)).settle(held.place)
+        harmed(*objects.faults).settle(held.place)
         see(identity)
     return identity
 
@@ -225,10 +235,10 @@ def check_schema(
         )
 
 
-def _check_record(run: xr.Dataset, path: Place, *, values: bool) -> None:
+def _check_record(run: xr.Dataset, path: Place, examination: Examination | None) -> None:
     """Check that a file with correct digests is a run record; another program or version may have written it."""
     try:
-        faults = faults_of(run, values=values)
+        faults = faults_of(run, values=examination is not None)
     except ArchiveError:
         run.close()
         raise
@@ -236,40 +246,48 @@ def _check_record(run: xr.Dataset, path: Place, *, values: bool) -> None:
         faults = [words_of(error)]
     if faults:
         run.close()
-        raise ArchiveError(f"'{path}' is as it was written, but no run record:{numbered(faults)}", tuple(faults))
+        verdict = examination.verdict if examination else VERIFIED
+        said = (
+            "was edited, and is no run record any more"
+            if verdict == EDITED
+            else "is as it was written, but no run record"
+        )
+        raise ArchiveError(f"'{path}' {said}:{numbered(faults)}", tuple(faults), verdict)
 
 
-def verify(path: Given) -> str:
+def verify(path: Given) -> Examination:
     """Compare an archive with its digests: the file's bytes, every variable, every attribute.
 
     Returns
     -------
-    str
-        The content digest.
+    Examination
+        With the content digest, and the verdict: verified, or repacked.
 
     Raises
     ------
     InputError
         If there is no such file, or it is none: a directory, a pipe, a socket, a device.
     ArchiveError
-        Naming every variable that differs from its digest.
+        Naming every variable that differs from its digest; its verdict is edited or damaged.
 
     Warns
     -----
     KindWarning
         If the file is as it was written, and holds a selection of a run or derived data.
     """
-    digest = verified(placed(path))
+    examination = verified(placed(path))
     with open_run(path, check=False) as run:
         kind = "" if is_evidence(run.attrs) else kind_description(run.attrs)
     if kind:
         warn(f"'{path}' is as it was written, and is {kind}", KindWarning)
-    return digest
+    return examination
 
 
-def verified(place: Place) -> str:
+def verified(place: Place) -> Examination:
     """Compare with the digests alone; see `verify`."""
-    return _examined(_held(place))[0].digest
+    examination = _examined(_held(place))[0]
+    examination.settle(place)
+    return examination
 
 
 def values_of(place: Place) -> dict[str, NDArray[Any]]:
@@ -321,6 +339,6 @@ def _examined(held: Held, look: _Look | None = None) -> tuple[Examination, Ident
         if not examination.faults or identity_of(held.path) == identity:
             break
         look = None
-    examination.settle(held.place)
-    see(identity)
+    if examination.verdict != DAMAGED:
+        see(identity)
     return examination, identity

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from xdynamics.archive.declared_sizes import MOST_PACKED
-from xdynamics.archive.integrity_checks import Examination, compare, examine
+from xdynamics.archive.integrity_checks import Examination, compare, examine, harmed
 from xdynamics.archive.sandbox import READY
 from xdynamics.archive.seals import Tail
 from xdynamics.archive.shared_handles import Identity
@@ -118,10 +118,10 @@ class _Examiner:
         if answer == READY:
             return examine(path, tail)
         if answer is None or answer.get("code") == -signal.SIGPROF:
-            return Examination((f"it takes more than {seconds:.2g} s to read, which no archive of its size does",))
+            return harmed(f"it takes more than {seconds:.2g} s to read, which no archive of its size does")
         if "code" in answer:
-            return Examination((f"the libraries break off when they read it (exit code {answer['code']})",))
-        return Examination(tuple(answer["faults"]), answer["digest"], answer["outcome"])
+            return harmed(f"the libraries break off when they read it (exit code {answer['code']})")
+        return Examination(**answer | {"faults": tuple(answer["faults"])})
 
     def end(self) -> None:
         """End the process, whatever it does."""

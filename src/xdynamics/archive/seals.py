@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,6 @@ from xdynamics.schema import (
     CLOSED_LINKS,
     DIGESTS,
     EVENTS,
-    ORIGIN,
-    ROOT_DIGEST,
     RUN_SEAL,
     SAMPLES,
     STEPS,
@@ -34,10 +32,8 @@ from xdynamics.schema import (
     VOLATILE,
     VOLATILE_DIGEST,
     Variable,
+    content_of,
 )
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[Any]
 
@@ -205,23 +201,33 @@ def letters_of(name: str) -> str:
     return f"{name}_characters"
 
 
-def stored_digest(variable: Any) -> str:
-    """Return the digest of a variable of an open netCDF file, read a chunk at a time.
+def stored_digest(variable: Any, name: str = "", *, single: bool = False) -> str:
+    """Return the digest of a variable of an open netCDF file, by its values: texts as letters or strings have the same.
 
-    Raises
-    ------
-    ValueError
-        If it holds texts of variable length.
+    Numbers are read a chunk at a time.
+
+    Parameters
+    ----------
+    variable : netCDF4.Variable
+    name : str
+        What the record calls it, where the file has another name for it.
+    single : bool
+        Whether it is the only text along its dimension, which the record does not have.
     """
-    name, dims, shape, dtype = _about(variable)
+    own_name, dims, shape, dtype = _about(variable)
+    name = name or own_name
     if dtype is str:
-        raise ValueError("it holds texts of any length, which no record does")
+        seal = Seal(name, dims[single:], np.dtype(object))
+        texts = np.asarray(read(variable, ...), object)
+        seal.update(letters(np.asarray(texts[0] if single else texts)))
+        return seal.hexdigest()
     attributes = attributes_of(variable) if dtype in (np.int8, np.uint8) else {}  # numbers that may stand for texts
     is_text, form = dtype == "S1", form_of(attributes, dtype, dims, shape)
     further = form.further if form else int(is_text)
-    seal = Seal(name, dims[: len(dims) - further], np.dtype(object) if is_text or form else dtype)
+    seal = Seal(name, dims[single : len(dims) - further], np.dtype(object) if is_text or form else dtype)
     if is_text or not dims:
-        seal.update(np.asarray(read(variable, ...)))
+        values = np.asarray(read(variable, ...))
+        seal.update(_trimmed(values[0] if single else values) if is_text else values)
         return seal.hexdigest()
     width = max(1, prod(shape[1:], start=dtype.itemsize)) * (form.width if form else 1)
     rows = max(1, min(CHUNKS.get(dims[0], OTHER_CHUNK) * 8, _MOST_READ // width))
@@ -229,6 +235,13 @@ def stored_digest(variable: Any) -> str:
         slab = np.asarray(read(variable, slice(start, start + rows)))
         seal.update(form.letters(slab) if form else slab)
     return seal.hexdigest()
+
+
+def _trimmed(letters: Array) -> Array:
+    """Return letters without what other programs append to the longest text."""
+    filled = np.flatnonzero((letters != b"").reshape(-1, letters.shape[-1]).any(axis=0))
+    least = int(letters.ndim > 1)
+    return letters[..., : max(least, int(filled.max(initial=-1)) + 1)]
 
 
 @alone
@@ -249,13 +262,12 @@ def digests_in(attributes: Mapping[Any, Any]) -> dict[str, str]:
 
 
 def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str, Any]], run: Mapping[Any, Any]) -> str:
-    """Return the content digest, from variables' digests and attributes; circumstances are left out."""
-    outside = {*VOLATILE, ROOT_DIGEST, ORIGIN, DIGESTS}
+    """Return the content digest, from variables' digests and attributes; circumstances and notes are left out."""
     content = {
         "variables": {
             name: [digests[name], plain(own)] for name, own in attributes.items() if not _is_circumstance(name, own)
         },
-        "attributes": plain({key: value for key, value in run.items() if key not in outside}),
+        "attributes": plain(content_of(run)),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.integrity_checks import VERIFIED
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
@@ -195,11 +196,17 @@ def _digests(path: Place) -> dict[str, str]:
     """Verify an archive; return its digests of content, circumstances and bytes."""
     store = store_of(path)
     before = store.stamp(path)
-    content = verify(path)
+    examination = verify(path)
+    if examination.verdict != VERIFIED:
+        raise ArchiveError(
+            f"'{path}' is {examination.verdict}: every number agrees, but a signature is of a file as it was sealed;"
+            " xd.save(xd.open_run(…), …) seals it again",
+            verdict=examination.verdict,
+        )
     held = store.held(path)
     with open_run(path, check=False) as run:
         circumstances = str(run.attrs[VOLATILE_DIGEST])
-    digests = {"content": content, "circumstances": circumstances, "bytes": bytes_digest(held.path)}
+    digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_digest(held.path)}
     if store.stamp(path) != before:
         raise ArchiveError(f"'{path}' was written to while it was verified; try again")
     return digests

@@ -26,6 +26,8 @@ class VariableStore(NetCDF4DataStore):
         """Return a variable without reading its values."""
         variable = super().open_store_variable(name, var)
         values = StoredValues(self._manager, name, variable.shape, variable.dtype)
+        if variable.dtype == "S1":  # letters of a record are UTF-8, whether another program says so or not
+            variable.attrs["_Encoding"] = "utf-8"
         form = form_of(variable.attrs, variable.dtype, variable.dims, variable.shape)
         if form is None:
             return Variable(variable.dims, indexing.LazilyIndexedArray(values), variable.attrs, variable.encoding)

@@ -9,6 +9,8 @@ import click
 from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, progress, say
 from xdynamics.cli.marching import changed_model
 
+RESEALED = "every number agrees, the seal is gone: xd.save seals it again"
+
 
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
@@ -16,13 +18,19 @@ from xdynamics.cli.marching import changed_model
 @click.option("--audit", is_flag=True, help="Also look for contradictions between each record and its model.")
 @json_option
 def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
-    """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too."""
+    """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too.
+
+    verified: every byte is as it was written. repacked: another program wrote the file, and every number agrees. edited: the
+    file is sound, and says something else than was archived. damaged: its bytes are not those that were written. Exit code 1
+    for the latter two.
+    """
     from xdynamics.archive import open_run, signatures
-    from xdynamics.archive import verify as digest_of
+    from xdynamics.archive import verify as compared
+    from xdynamics.archive.integrity_checks import DAMAGED, REPACKED, VERIFIED
     from xdynamics.archive.place import placed
     from xdynamics.archive.stores import is_folder
     from xdynamics.faults import ArchiveError, InputError
-    from xdynamics.record.partial_records import is_derived, is_selection, kind_description
+    from xdynamics.record.partial_records import kind_description
 
     damaged = wrong = False
     verdicts: list[dict[str, str]] = []
@@ -30,23 +38,25 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
         try:
             place = placed(archive)
             if is_folder(place):
-                digest, text = _verified_sweep(archive)
-                verdicts.append({"archive": archive, "verdict": "verified", "digest": digest, "text": text})
+                verdict, digest, text = _verified_sweep(archive)
+                verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
                 say([text])
                 continue
-            digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
+            if key:
+                verdict, digest = VERIFIED, signatures.verify_signature(archive, key)
+            else:
+                verdict, digest = (found := compared(archive)).verdict, found.digest
             shown = f"signed, by '{key}'{signatures.covered(place)}" if key else signatures.protection(place)
+            shown = RESEALED if verdict == REPACKED else shown
             with open_run(archive, check=False) as run:
                 kind = kind_description(run.attrs)
-                edited = is_derived(run.attrs) or is_selection(run.attrs)
-            verdict = "as written" if edited else "verified"
             text = f"{verdict}  {archive}  {digest}{f': {kind}' if kind else ''}  ({shown})"
             verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
             say([text])
             damaged = (audit and not _audited(archive, verdicts[-1])) or damaged
         except ArchiveError as error:
             complain(error)
-            verdicts.append({"archive": archive, "verdict": "damaged", "text": str(error)})
+            verdicts.append({"archive": archive, "verdict": error.verdict or DAMAGED, "text": str(error)})
             damaged = True
         except InputError as error:
             complain(error)
@@ -71,17 +81,17 @@ def _audited(archive: str, verdict: dict[str, str]) -> bool:
     return verdict["audit"] == "passed"
 
 
-def _verified_sweep(folder: str) -> tuple[str, str]:
-    """Verify a sweep's catalogue and every run that it names; return its digest and the verdict in words."""
+def _verified_sweep(folder: str) -> tuple[str, str, str]:
+    """Verify a sweep's catalogue and every run that it names; return verdict, digest, and both in words."""
     from xdynamics.archive.place import placed
     from xdynamics.sweeping.catalogue import unfinished, verify_sweep
 
-    digest, files = verify_sweep(folder)
+    found, files = verify_sweep(folder)
     note = (
         "; members were being added to it: the same sweep, called again, goes on" if unfinished(placed(folder)) else ""
     )
     runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
-    return digest, f"verified  {folder}  {digest}: a sweep{runs}{note}"
+    return found.verdict, found.digest, f"{found.verdict}  {folder}  {found.digest}: a sweep{runs}{note}"
 
 
 @main.command(makes=True)

@@ -148,7 +148,7 @@ def _page_of(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset
         yield from (f"![{name}]({figure})", "")
     for key, dataset in datasets.items():
         path = archive.save(dataset, folder / f"{key}.nc")
-        yield from ("```", *summary(dataset), f"archive   {path.name}, {archive.verify(path)}", "```", "")
+        yield from ("```", *summary(dataset), f"archive   {path.name}, {archive.verify(path).digest}", "```", "")
 
 
 def _drawn(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> str:

@@ -33,6 +33,7 @@ from xdynamics.schema import (
     LABEL,
     LEFT_OUT_ATOL,
     NUMBERS,
+    ORIGIN,
     PAIRS,
     REQUIRED_ATTRIBUTES,
     ROW_SIZE,
@@ -202,6 +203,8 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
         kind = getattr(value, "dtype", None)
         if not isinstance(name, str) or not _is_name(name):
             yield f"attribute {name!r} has a name that no file can keep"
+        elif name == ORIGIN:  # which is kept in memory alone
+            continue
         elif isinstance(value, str):
             if not _is_text(value):
                 yield f"attribute '{name}' is {_short(value)}, needs a text without null characters"

@@ -17,6 +17,7 @@ from xdynamics.schema import (
     DOCUMENT,
     EVENT_BOUNDS,
     EVIDENCE,
+    NAMES_ROWS,
     STEP_NUMBER,
     STEPS,
     SWEEP,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
     from xdynamics.schema import Variable
 
-NAMES_ROWS = ("event_row_before", "event_row_after", "trial_step", "sample_step", "closed_step")
 MADE = "made"  # entry of the encoding of a variable that a record of the former schema has not
 
 
@@ -72,6 +72,17 @@ def as_written(run: xr.Dataset) -> xr.Dataset:
         return run.drop_vars(STEP_NUMBER.name)
     numbers = np.asarray(run.variables[STEP_NUMBER.name].values)
     return _with_rows(run, lambda named: np.searchsorted(numbers, named))
+
+
+def in_own_words(run: xr.Dataset) -> xr.Dataset:
+    """Return a record of the former schema, opened here once and written by another program, in the words of its file."""
+    if not is_former(run.attrs) or not any(run.variables[name].dims for name in TEXT_NAMES if name in run.variables):
+        return run
+    if rows_apart(run.attrs) == 1 and STEP_NUMBER.name in run.variables:
+        numbers = run.variables[STEP_NUMBER.name]
+        if np.array_equal(numbers.values, np.arange(numbers.size)):
+            numbers.encoding[MADE] = True
+    return as_written(run)
 
 
 def along_document(text: xr.Variable) -> xr.Variable:

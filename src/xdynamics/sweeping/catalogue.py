@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.archive.integrity_checks import DAMAGED, Examination
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.reading import values_of
 from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import is_folder, made_folder, store_of
-from xdynamics.evidence.evidence_dataset import exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
@@ -81,7 +82,7 @@ def open_sweep(path: Given) -> xr.Dataset:
         opened = archive.open_run(file)
     except ArchiveError as error:
         between = "\n" if "\n" in str(error) else "; "
-        raise ArchiveError(f"{error}{between}{REMEDY}", error.faults) from None
+        raise ArchiveError(f"{error}{between}{REMEDY}", error.faults, error.verdict) from None
     if opened.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
     sweep = with_axes(_with_words(opened))
@@ -110,35 +111,54 @@ def _with_words(sweep: xr.Dataset) -> xr.Dataset:
     return sweep
 
 
-def verify(path: Given) -> str:
-    """Compare an archive with its digests, or the folder of a sweep with its catalogue's; return the content digest.
+def verify(path: Given) -> xr.Dataset:
+    """Compare an archive with its digests, or the folder of a sweep with its catalogue's.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``verdict``: ``verified`` if every byte is as it was written, ``repacked`` if another program wrote the file and every
+        number agrees (`save` seals it again). ``digest``: the content digest, of names, dimensions, types, units and values,
+        which does not depend on the container; notes (history, comment, what tools add) are outside it.
 
     Raises
     ------
     InputError
         If there is no such file, or it is not a regular file (a pipe, a socket, a device) or a folder of a sweep.
     ArchiveError
-        Naming every variable that differs from its digest; for a sweep, every file.
+        Naming every variable that differs from its digest; for a sweep, every file. Its ``verdict`` is ``edited`` where the
+        file is sound, and ``damaged`` where its bytes are not those that were written.
 
     Warns
     -----
     KindWarning
         If the file is intact, and holds a selection of a run or derived data.
     """
+    import xarray as xr
+
     place = placed(path)
     is_sweep = zarr_catalogue.is_one(place) or (
         is_folder(place) and (_is_file(place / CATALOGUE) or is_folder(place / UNFINISHED))
     )
-    return verify_sweep(place)[0] if is_sweep else archive.verify(place)
+    found = verify_sweep(place)[0] if is_sweep else archive.verify(place)
+    told = {
+        "verdict": (
+            (),
+            found.verdict,
+            about("1", "verified: as it was written; repacked: every number agrees", "verdict"),
+        ),
+        "digest": ((), found.digest, about("1", "content digest, a sha256", "digest")),
+    }
+    return xr.Dataset(told, attrs={"title": f"verification of {place.name}", "archive": str(path)})
 
 
-def verify_sweep(path: Given) -> tuple[str, int]:
+def verify_sweep(path: Given) -> tuple[Examination, int]:
     """Verify a sweep's catalogue, and all bytes of every archived run by the seal in the catalogue.
 
     Returns
     -------
-    tuple of str and int
-        Content digest of the catalogue, and the number of archived runs.
+    tuple of Examination and int
+        Verdict and content digest of the catalogue, and the number of archived runs.
 
     Raises
     ------
@@ -147,18 +167,18 @@ def verify_sweep(path: Given) -> tuple[str, int]:
     """
     folder = placed(path)
     if zarr_catalogue.is_one(folder):
-        digest = zarr_digests.verified(folder)
+        found = Examination((), zarr_digests.verified(folder))
     else:
-        digest = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else ""
+        found = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else Examination(())
     with open_sweep(folder) as sweep:
         faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
         raise _damaged(folder, faults)
-    return digest, files
+    return found, files
 
 
 def _damaged(folder: Place, faults: list[str]) -> ArchiveError:
-    return ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
+    return ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults), DAMAGED)
 
 
 def _faults(folder: Place, sweep: xr.Dataset) -> list[str]:

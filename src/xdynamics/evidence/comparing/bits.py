@@ -20,12 +20,10 @@ from xdynamics.schema import (
     COUNTS,
     END_MEMORY,
     EVENT_BOUNDS,
-    ORIGIN,
-    ROOT_DIGEST,
     SELECTION_OF,
     SERIES_ARITHMETIC,
     STEPS,
-    VOLATILE,
+    content_of,
 )
 from xdynamics.shapes.naming import element
 from xdynamics.units import parse_unit
@@ -110,7 +108,8 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
         if not shared:
             continue
         left, right = np.asarray(variable[:shared].values), np.asarray(remade[:shared].values)
-        differences = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
+        with np.errstate(invalid="ignore"):  # infinities are compared as words
+            differences = np.where(_as_words(left) == _as_words(right), 0.0, np.abs(left - right))
         differences = np.where(np.isnan(differences), np.inf, differences).reshape(shared, -1)  # in one run only
         size = float(np.nanmax(np.abs(left), initial=0.0))
         largest = float(differences.max(initial=0.0))
@@ -179,10 +178,10 @@ def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
 def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     """List the attributes in which two runs differ.
 
-    Dates, versions, the machine, counts of results and attributes that follow from others do not count.
+    Dates, versions, the machine, notes, counts of results and attributes that follow from others do not count.
     """
-    outside = {*VOLATILE, *COUNTS, *FOLLOWING, ROOT_DIGEST, ORIGIN}
-    names = [name for name in {**first.attrs, **second.attrs} if name not in outside]
+    told = content_of(first.attrs) | content_of(second.attrs)
+    names = [name for name in told if name not in (*COUNTS, *FOLLOWING)]
     lines = []
     for name in names:
         value, other_value = (plain(run.attrs).get(name, "absent") for run in (first, second))
