@@ -101,7 +101,12 @@ HARM: dict[str, tuple[Callable[[Any], object], tuple[str, ...]]] = {
 
 
 HARMED = ("no root digest", "no digests", "a group", "no letters")  # of which a file cannot say what it was
-MANNER = ("is not stored as", DATED, "'origin'", "'volatile_digest'")  # in which another program may keep the same record
+MANNER = (
+    "is not stored as",
+    DATED,
+    "'origin'",
+    "'volatile_digest'",
+)  # in which another program may keep the same record
 
 
 @pytest.mark.every(3)
@@ -116,7 +121,10 @@ def test_what_was_harmed_is_named(archived: Path, tmp_path: Path, what: str) -> 
     assert (examine(path, SEALED).faults, examine(path, SEALED).verdict) == (faults, verdict)
     doubted = examine(path, Tail(fault="its seal is hurt"))
     assert (doubted.faults, doubted.verdict) == (("its seal is hurt", *faults), "damaged")
-    unsealed, edits = examine(path, Tail()), tuple(fault for fault in faults if not any(word in fault for word in MANNER))
+    unsealed, edits = (
+        examine(path, Tail()),
+        tuple(fault for fault in faults if not any(word in fault for word in MANNER)),
+    )
     assert (unsealed.faults, unsealed.verdict) == (edits, verdict if edits else "repacked")
     said = {"edited": "was edited since it was archived", "damaged": "is damaged or no run archive"}[verdict]
     with pytest.raises(xd.ArchiveError, match=f"harmed.nc' {said}:\n  1. ") as caught:

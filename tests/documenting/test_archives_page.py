@@ -14,7 +14,7 @@ import xdynamics as xd
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 
 TIMES = "0:2:5 s"
-NESTED = {"combine": "nested", "concat_dim": "run"}
+NESTED = {"engine": "xdynamics", "combine": "nested", "concat_dim": "run", "coords": "different", "compat": "equals"}
 
 
 def ball(g: float = 9.81) -> xd.Model:
@@ -173,5 +173,5 @@ def test_states_at_times_are_no_run(tmp_path: Path) -> None:
 def test_every_line_fits_and_names_what_there_is() -> None:
     """Assert that what the page names of the package is there."""
     names = {*re.findall(r"xd\.(\w+)", ARCHIVES_PAGE)}
-    assert names == {"open_run", "save", "sample", "sweep", "open_logs"} <= {*dir(xd)}
+    assert names == {"open_run", "verify", "save", "sample", "sweep", "open_logs"} <= {*dir(xd)}
     assert max(map(len, ARCHIVES_PAGE.splitlines())) <= 130

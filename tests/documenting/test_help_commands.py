@@ -125,6 +125,7 @@ def test_commands_of_pages_run(folder: Path) -> None:
     """Assert that commands in pages, but for those of other machines and stores, end well with files such as they name."""
     (folder / "spring.toml").write_text(SPRING)
     (folder / "ball.toml").write_text(BALL)
+    xd.simulate(xd.Model.from_text(BALL), path="run.nc")
     times = np.linspace(0.0, 8.0, 33)
     for name in ("bench", "monday", "tuesday"):
         rows = "".join(f"{t!r},{0.1 * math.cos(2.0 * t)!r},0.001\n" for t in times.tolist())

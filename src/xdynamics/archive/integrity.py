@@ -63,7 +63,7 @@ def standing(run: xr.Dataset) -> Standing:
         if digest and content_digest(run) == digest:
             return Standing(digest)
         return Standing("", (UNKNOWN,))
-    faults = [*_attributes("", origin.attributes, run.attrs)]
+    faults = [*origin.edits, *_attributes("", origin.attributes, run.attrs)]
     fewer: dict[str, list[str]] = {}
     for name, variable in run.variables.items():
         part = origin.parts.get(str(name))

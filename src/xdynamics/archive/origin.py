@@ -12,7 +12,7 @@ import numpy as np
 from xdynamics.archive.seals import Seal, digests_in, listed, root_digest, stored_slabs
 from xdynamics.record import own_attributes
 from xdynamics.record.folding import labelled, unlabelled
-from xdynamics.record.schemas import in_own_words, modern
+from xdynamics.record.schemas import in_own_words, modern, replaced
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import DIGEST, DIGESTS, FLAG_ATTRIBUTES, NOTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
@@ -72,15 +72,20 @@ class Origin(list[str]):
 
     attributes: dict[str, Any]
     source: Source | None
+    edits: tuple[str, ...]
     _parts: Callable[[], dict[str, OriginalVariable]]
 
     @classmethod
     def of(
-        cls, parts: Callable[[], dict[str, OriginalVariable]], attributes: Mapping[Any, Any], source: Source | None
+        cls,
+        parts: Callable[[], dict[str, OriginalVariable]],
+        attributes: Mapping[Any, Any],
+        source: Source | None,
+        edits: tuple[str, ...] = (),
     ) -> Origin:
-        """Make an origin of a record's parts, computed on demand, its attributes, and the source of its values."""
+        """Make an origin of a record's parts, computed on demand, its attributes, the source of its values, and how it was edited."""
         origin = cls([TEXT])
-        origin._parts, origin.attributes, origin.source = parts, dict(attributes), source
+        origin._parts, origin.attributes, origin.source, origin.edits = parts, dict(attributes), source, edits
         return origin
 
     @cached_property
@@ -90,7 +95,9 @@ class Origin(list[str]):
 
     @cached_property
     def content_digest(self) -> str:
-        """The content digest of the whole record."""
+        """The content digest of the whole record; of one that was edited, that of what was archived."""
+        if self.edits:
+            return str(self.attributes.get(ROOT_DIGEST, ""))
         digests = {name: part.digest for name, part in self.parts.items()}
         return root_digest(digests, {name: part.attributes for name, part in self.parts.items()}, self.attributes)
 
@@ -114,7 +121,7 @@ class Origin(list[str]):
                 for name, part in self.parts.items()
             }
 
-        return Origin.of(parts, self.attributes, self.source)
+        return Origin.of(parts, self.attributes, self.source, self.edits)
 
     def __copy__(self) -> Origin:
         return self
@@ -123,11 +130,18 @@ class Origin(list[str]):
         return self  # a copy has the same origin
 
     def __reduce__(self) -> Any:
-        return _restored, ({name: part.sent for name, part in self.parts.items()}, self.attributes, self.source)
+        return _restored, (
+            {name: part.sent for name, part in self.parts.items()},
+            self.attributes,
+            self.source,
+            self.edits,
+        )
 
 
-def _restored(parts: dict[str, OriginalVariable], attributes: dict[str, Any], source: Source | None) -> Origin:
-    return Origin.of(lambda: parts, attributes, source)
+def _restored(
+    parts: dict[str, OriginalVariable], attributes: dict[str, Any], source: Source | None, edits: tuple[str, ...]
+) -> Origin:
+    return Origin.of(lambda: parts, attributes, source, edits)
 
 
 def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -> xr.Dataset:
@@ -185,7 +199,7 @@ def _of_arrays(
     }
 
 
-def read(run: xr.Dataset, source: Source, *, edited: bool = False) -> xr.Dataset:
+def read(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] = (), texts: bool = True) -> xr.Dataset:
     """Remember what the variables of an opened archive are, and their digests, all of which stand in one place.
 
     Parameters
@@ -194,14 +208,18 @@ def read(run: xr.Dataset, source: Source, *, edited: bool = False) -> xr.Dataset
         As it is in the file.
     source : callable
         Opens it again.
-    edited : bool
-        Whether its values are not those that its digests are of.
+    edits : tuple of str
+        How it differs from its digests.
+    texts : bool
+        Whether to read texts, which are short: they have the type that they had when the run was marched.
     """
     parts = dict[str, OriginalVariable]()
     stated = digests_in(run.attrs) or {
         str(name): str(variable.attrs[DIGEST]) for name, variable in run.variables.items() if DIGEST in variable.attrs
     }
     run = in_own_words(unlabelled(run))
+    if texts:
+        run = replaced(run, {str(name): _text(text) for name, text in run.variables.items() if text.dtype.kind == "O"})
     for name, variable in run.variables.items():
         variable.attrs = own_attributes(variable.attrs)
         if (values := FLAG_ATTRIBUTES[0]) in variable.attrs:  # of one number, or as other formats keep them
@@ -214,12 +232,16 @@ def read(run: xr.Dataset, source: Source, *, edited: bool = False) -> xr.Dataset
             variable.attrs,
             variable=None if str(name) in stated else variable,
             known=stated.get(str(name), ""),
-            held=None if edited else variable._data,  # noqa: SLF001
+            held=variable._data,  # noqa: SLF001
         )
     if stated:
         run.attrs[DIGESTS] = listed(stated)
-    run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, None if edited else source)
+    run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, None if edits else source, edits)
     return labelled(modern(run))
+
+
+def _text(text: xr.Variable) -> xr.Variable:
+    return text.copy(data=np.asarray(text.values).astype(str))
 
 
 def digest_of(name: str, variable: Any) -> str:

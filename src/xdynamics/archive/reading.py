@@ -80,11 +80,11 @@ def open_run(
         except ArchiveError:
             run.close()
             raise
-    edited = examination is not None and examination.verdict == EDITED
+    edits = examination.faults if examination is not None and examination.verdict == EDITED else ()
     _check_record(run, place, examination)
-    if examination is not None and edited:
-        warn(f"'{place}' was edited since it was archived: {'; '.join(examination.faults)}", EditedWarning)
-    result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))), edited=edited)
+    if edits:
+        warn(f"'{place}' was edited since it was archived: {'; '.join(edits)}", EditedWarning)
+    result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))), edits=edits, texts=check)
     result = result if chunks is None else _chunked(result, chunks)
     return quantified(result) if quantify else result
 

@@ -239,6 +239,8 @@ def stored_digest(variable: Any, name: str = "", *, single: bool = False) -> str
 
 def _trimmed(letters: Array) -> Array:
     """Return letters without what other programs append to the longest text."""
+    if not letters.size:
+        return letters
     filled = np.flatnonzero((letters != b"").reshape(-1, letters.shape[-1]).any(axis=0))
     least = int(letters.ndim > 1)
     return letters[..., : max(least, int(filled.max(initial=-1)) + 1)]

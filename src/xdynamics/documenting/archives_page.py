@@ -5,6 +5,12 @@ An archive is a netCDF-4 file, which any program for netCDF reads: xr.open_datas
 ncdump, Panoply, MATLAB.
   xd.open_run("run.nc")             verifies digests and seal, then opens it; xdynamics show run.nc
                                     prints what it holds
+  xd.verify("run.nc")               verdict and digest. verified: every byte is as it was written.
+                                    repacked: written by another program (nccopy, ncks, to_netcdf,
+                                    h5netcdf, Zarr and back), and every number, name, dimension,
+                                    type and unit agrees; history, comment and other notes are free.
+                                    edited: sound, but not what was archived; open_run warns, save
+                                    takes it with derived= alone. damaged: refused
   xd.save(run, "run.nc")            as it was marched, or a part of it; what was edited with
                                     derived="how it was made"
   run.load(), run[["y", "v_y"]]     as of every Dataset of xarray; arrays of a run are read-only
@@ -38,12 +44,15 @@ before and after it.
   xr.concat([a, b], "run") of runs that have equally many rows at other times.
 Many files. Runs with as many rows, events and force evaluations are put together by xarray alone,
 as are catalogues of sweeps that keep quantities at times:
-  xr.open_mfdataset("runs/*.nc", combine="nested", concat_dim="run")
-  xr.open_mfdataset(["a/catalogue.nc", "b/catalogue.nc"], combine="nested", concat_dim="run")
+  one = dict(engine="xdynamics", combine="nested", concat_dim="run", coords="different",
+             compat="equals")
+  xr.open_mfdataset("runs/*.nc", **one)
+  xr.open_mfdataset(["a/catalogue.nc", "b/catalogue.nc"], **one)
+Without the engine xarray fails at texts that differ, `Can not use auto rechunking with object
+dtype`; without coords and compat it may keep one parameter for all.
 Others have rows of their own, `AlignmentError: cannot reindex or align along dimension 'step'`: put
 them on common times,
-  xr.open_mfdataset("runs/*.nc", combine="nested", concat_dim="run",
-                    preprocess=lambda run: xd.sample(run, "0:2:201 s"))
+  xr.open_mfdataset("runs/*.nc", preprocess=lambda run: xd.sample(run, "0:2:201 s"), **one)
 or keep them in a sweep, whose runs are read when they are used, along its axes:
   found = xd.sweep(model, {"g": "9:10:11 m s-2"}, keep=["log"], path="grid")   (or sweep --keep log)
   xd.open_logs("grid", "0:2:201 s")

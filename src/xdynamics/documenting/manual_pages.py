@@ -67,7 +67,7 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   solved together with the accelerations, and ends where it would pull. All that is located and
   recorded as impact, rest, takeoff, stick, slip, with impulses and the energy they took. A row in
   which a contact pulls, or friction holds too much, would end the run as contact_violated;
-  `xdynamics verify --audit` looks for such rows, and for events that were missed. Bounces
+  `xdynamics verify --audit run.nc` looks for such rows, and for events that were missed. Bounces
   that shrink end at a time that is extrapolated. A state without an answer, or with two (Painleve),
   is an outcome and no guess.
   A force or a grip that fails for a part of a step is found there; between many bodies by looking

@@ -92,7 +92,7 @@ def along_document(text: xr.Variable) -> xr.Variable:
 
 def _with_texts(run: xr.Dataset, change: Callable[[xr.Variable], xr.Variable]) -> xr.Dataset:
     texts = {name: change(run.variables[name]) for name in TEXT_NAMES if name in run.variables}
-    return _replaced(run, texts)
+    return replaced(run, texts)
 
 
 def _with_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], NDArray[Any]]) -> xr.Dataset:
@@ -101,10 +101,10 @@ def _with_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], NDArray[An
         if name in run.variables:
             named = run.variables[name]
             changed[name] = named.copy(data=change(np.asarray(named.values)).astype(named.dtype))
-    return _replaced(run, changed)
+    return replaced(run, changed)
 
 
-def _replaced(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
+def replaced(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
     """Return a record with other variables in place of some, which stay coordinates if they are."""
     import xarray as xr
 
@@ -129,7 +129,7 @@ def _numbered(run: xr.Dataset) -> xr.Dataset:
         if is_selection(run.attrs):
             return run  # its rows have no numbers any more
         made = xr.Variable((STEPS,), np.arange(run.sizes[STEPS]), STEP_NUMBER.attributes, {MADE: True}, fastpath=True)
-        return _replaced(run, {STEP_NUMBER.name: made})
+        return replaced(run, {STEP_NUMBER.name: made})
     if rows_apart(run.attrs) == 1 or is_selection(run.attrs):
         return run
     numbers = np.asarray(run.variables[STEP_NUMBER.name].values)
