@@ -127,6 +127,7 @@ def test_evidence_is_as_in_its_archive(told: dict[str, Any]) -> None:
             "origin",
             "content_digest",
             "volatile_digest",
+            "variable_digests",
         }
 
 

@@ -81,7 +81,7 @@ def kept(whole: xr.Dataset, every: int, nodes: list[float]) -> np.ndarray[Any, A
 
 
 def thinned(whole: xr.Dataset, rows: np.ndarray[Any, Any], names: Any) -> dict[str, bytes]:
-    """Return the bytes that variables of a run are to have of which these rows are kept."""
+    """Return the bytes that variables of a run are to have of which these rows are kept, whose numbers stay what they are."""
     found = {}
     for name in names:
         one = whole[name]
@@ -90,9 +90,8 @@ def thinned(whole: xr.Dataset, rows: np.ndarray[Any, Any], names: Any) -> dict[s
         elif one.dims in (("trial",), ("sample",)):
             owner = whole[f"{one.dims[0]}_step"].values
             values = one.values[np.isin(owner, rows)]
-            values = np.searchsorted(rows, values) if name.endswith("l_step") or name == "sample_step" else values
         else:
-            values = np.searchsorted(rows, one.values) if name.startswith("event_row") else one.values
+            values = one.values
         found[name] = np.ascontiguousarray(values).tobytes()
     return found
 

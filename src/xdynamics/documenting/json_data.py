@@ -16,7 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.record.partial_records import is_whole
-from xdynamics.schema import AT, EVIDENCE, ORIGIN, STEPS
+from xdynamics.schema import AT, DIGESTS, EVIDENCE, ORIGIN, STEPS
 
 # kinds beside those of evidence
 MODEL, RUN, PART, MODES = "model", "run", "part", "modes"
@@ -68,7 +68,9 @@ def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:
         "kind": kind,
         "title": str(attributes.get("title", kind)),
         "sizes": {str(dim): size for dim, size in record.sizes.items()},
-        "attributes": {str(key): value for key, value in attributes.items() if key not in ("title", EVIDENCE, ORIGIN)},
+        "attributes": {
+            str(key): value for key, value in attributes.items() if key not in ("title", EVIDENCE, ORIGIN, DIGESTS)
+        },
         "variables": {str(name): _variable(variable) for name, variable in record.variables.items()},
     }
 

@@ -47,6 +47,6 @@ Methods: methods, by name; a single one has these itself:
   oscillation_limit, decay_limit   largest w*h and h/tau of a stable step; null where the method
                                    takes no such forces
 A verification:
-  archives    list of archive, verdict (verified | as written | damaged | not verified), digest
-              unless it is one of the last two, text
+  archives    list of archive, verdict (verified | repacked | edited | damaged | not verified),
+              digest of the first two, text
 """

@@ -73,7 +73,9 @@ OF_EVIDENCE = {
     "identical": "1 where two runs agree in every bit; first_row: the first row of a variable that does not",
 }
 OF_FILES = {
-    "verified": "every digest and the seal agree with the data; as written: so they do, but it is a selection or derived data",
+    "verified": "every digest and the seal agree with the data; repacked: another program wrote them, and every number agrees",
+    "edited": "a sound file that says something else than was archived; damaged: bytes differ from the seal, or cannot be read",
+    "content": "names, dimensions, types, units, values and settings, by value; notes (history, comment, institution) are none",
     "seal": "sha256 over the bytes of a file, at its end; a signature (RUN.nc.sig) says whose it is",
     "reproduce": "marches a run again from its archive and compares every bit; recheck does so with a certificate",
     "segments": "finished parts of a run beside its archive until it is whole; --resume goes on from them, discard removes them",
