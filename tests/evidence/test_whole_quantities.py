@@ -166,7 +166,7 @@ def test_descriptions_compute_nothing(chain: xd.Model, monkeypatch: pytest.Monke
         with pytest.raises(AssertionError, match="told apart"):
             found.compute()
     kept = xd.sweep(chain, {"step": STEPS}, keep=["end_u", "u"], times=[0.5])
-    assert kept.u.dims == ("step", "at", "site")
+    assert kept.u.dims == ("solver_step", "at", "site")
     assert kept.end_u.chunks is not None
 
 

@@ -96,7 +96,7 @@ def digests_of(file: Place, wanted: Callable[[xr.Dataset], bool]) -> tuple[str, 
     with suppress(ArchiveError, InputError):
         if store.kind(file) is None:
             held = store.held(file)
-            digest, seal = verified(file), tail_of(held.path).digest
+            digest, seal = verified(file).digest, tail_of(held.path).digest
             with open_run(file, check=False) as run:
-                return (digest, seal) if wanted(run) else ("", "")
+                return (digest, seal) if seal and wanted(run) else ("", "")
     return "", ""
