@@ -18,6 +18,7 @@ from xdynamics.schema import (
     MODEL_DIMENSIONS,
     RUNS,
     SCHEMA_VERSION,
+    STEP_NUMBER,
     SWEEP,
     TEXT_NAMES,
 )
@@ -62,7 +63,7 @@ def exhibit(
     import xarray as xr
 
     # one time alone belongs to no dimension: a file would not name it as a coordinate of anything
-    coordinates = [name for name in (AT_TIME, "time") if name in variables and variables[name][0]]
+    coordinates = [name for name in (AT_TIME, "time", STEP_NUMBER.name) if name in variables and variables[name][0]]
     own = {name: xr.Variable(*variable) for name, variable in variables.items()}
     for name in TEXT_NAMES:
         if name in own and not own[name].dims:
