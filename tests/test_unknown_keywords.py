@@ -30,7 +30,11 @@ MODEL = xd.Model(
         ("sample", "variables", r"^sample has no 'variables'; take them from what comes back, as in result\[\['x', "),
         ("plot", "variables", "^plot has no 'variables'; did you mean 'only'"),
         ("modes", "state", "^modes has no 'state'; did you mean 'at'"),
-        ("save", "zzz", "^save has no 'zzz'; there are run, path, derived, compress$"),
+        (
+            "save",
+            "zzz",
+            "^save has no 'zzz'; there are run, path, derived, compress, creator, institution, license, id, references, comment$",
+        ),
         ("error_budget", "initial", "^there is no setting 'initial'; a start stands in the model: model.replace"),
         ("refine", "dt", "^there is no setting 'dt'; did you mean 'step'"),
     ],

@@ -99,14 +99,48 @@ VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba
             # by a library's eigenvalues, whose last bits may carry over into the digits that are kept
             "run_slowest_period", "run_slowest_periods")  # fmt: skip
 # what ACDD says of a data set beside what this package writes, what tools add, and what anybody notes: outside the content
-NOTES = frozenset((
-    "id", "naming_authority", "keywords", "keywords_vocabulary", "comment", "acknowledgement", "acknowledgment",
-    "license", "standard_name_vocabulary", "creator_name", "creator_email", "creator_url", "creator_type",
-    "creator_institution", "institution", "project", "program", "platform", "instrument", "contributor_name",
-    "contributor_role", "publisher_name", "publisher_email", "publisher_url", "publisher_type", "publisher_institution",
-    "date_modified", "date_issued", "date_metadata_modified", "product_version", "processing_level", "references",
-    "metadata_link", "NCO", "nco_openmp_thread_number", "CDO", "CDI", "coordinates",
-))  # fmt: skip
+NOTES = frozenset(
+    (
+        "id",
+        "naming_authority",
+        "keywords",
+        "keywords_vocabulary",
+        "comment",
+        "acknowledgement",
+        "acknowledgment",
+        "license",
+        "standard_name_vocabulary",
+        "creator_name",
+        "creator_email",
+        "creator_url",
+        "creator_type",
+        "creator_institution",
+        "institution",
+        "project",
+        "program",
+        "platform",
+        "instrument",
+        "contributor_name",
+        "contributor_role",
+        "publisher_name",
+        "publisher_email",
+        "publisher_url",
+        "publisher_type",
+        "publisher_institution",
+        "date_modified",
+        "date_issued",
+        "date_metadata_modified",
+        "product_version",
+        "processing_level",
+        "references",
+        "metadata_link",
+        "NCO",
+        "nco_openmp_thread_number",
+        "CDO",
+        "CDI",
+        "coordinates",
+    )
+)
 # with these begin the names of attributes by which readers here take a record for what it is
 OF_RECORD = ("solver_", "run_", "sweep_", "selection", "derived", "model_", "force_", "initial_", "atol_", "math_")
 RUN_SEAL, CIRCUMSTANCE = "run_seal", "circumstance"  # a variable that is one, the digest of a file's bytes; its role

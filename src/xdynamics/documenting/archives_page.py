@@ -13,6 +13,9 @@ ncdump, Panoply, MATLAB.
                                     takes it with derived= alone. damaged: refused
   xd.save(run, "run.nc")            as it was marched, or a part of it; what was edited with
                                     derived="how it was made"
+  xd.save(run, "run.nc", creator="A. B.", license="CC-BY-4.0")   also institution, id, references,
+                                    comment: notes, outside of the digests; a model's [about] has
+                                    them for all its runs
   run.load(), run[["y", "v_y"]]     as of every Dataset of xarray; arrays of a run are read-only
 What describes a run (parameters, times, step_number, the texts model_toml and force_source along
 the dimension document, of size 1) are coordinates, what it yields is data: run.mean("step"), run*2,

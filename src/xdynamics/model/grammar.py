@@ -47,6 +47,7 @@ from xdynamics.model.parts import (
     ROOT_STATES,
     STRIKE,
     TANGENTIALS,
+    Authorship,
     Coordinate,
     Fitted,
     Force,
@@ -386,6 +387,19 @@ SECTIONS: dict[str, Section] = {
         '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\nbodies = ["cart", "bob"]\nlinks = [["cart", "bob"]]\nsprings = [["origin", "cart"]]\nthreads = [["origin", "bob"]]\nsection = "2*pi*sqrt(m/k)"\nwrap = ["theta"]\n',
         "without it two coordinates of one unit are a plane, three are seen from three sides; of many bodies r over body and axis",
         make=Pictured, field="pictured",
+    ),
+    "about": Section(
+        "who stands for the model and its runs, as attributes of every record, outside of its content", "",
+        (
+            Key("creator", TEXT, "who made it: attribute creator_name", "none", omitted=""),
+            Key("institution", TEXT, "where", "none", omitted=""),
+            Key("license", TEXT, "under which terms", "none", omitted=""),
+            Key("id", TEXT, "by which it is found, as a DOI", "none", omitted=""),
+            Key("references", TEXT, "where it is described", "none", omitted=""),
+            Key("comment", TEXT, "anything else", "none", omitted=""),
+        ),
+        '[about]\ncreator = "A. Noether"\ninstitution = "Göttingen"\nlicense = "CC-BY-4.0"\nid = "doi:10.1000/182"\nreferences = "lesson 4"\ncomment = "second series"\n',
+        make=Authorship,
     ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace as with_parts
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.model_trees import BY_NAME, ModelTrees
 from xdynamics.model.name_consistency import check_names_of_today
+from xdynamics.model.parts import Authorship
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
@@ -153,15 +155,30 @@ class Model(ModelTrees):
         return cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED))
 
     @classmethod
-    def from_record(cls, text: str, *, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+    def from_record(
+        cls,
+        text: str,
+        *,
+        functions: Mapping[str, Callable[..., float]] | None = None,
+        about: Authorship | None = None,
+    ) -> Model:
         """Read a model from the `model_toml` of a record, or `to_toml`, which may be as long as tables of 10^6 rows are.
+
+        Parameters
+        ----------
+        text : str
+        functions : mapping of str to callable, optional
+            The Python functions that its forces call.
+        about : Authorship, optional
+            Who stands for it, which is no part of the text.
 
         Raises
         ------
         ModelError
             If the text cannot be read, or with every fault of its statement.
         """
-        return cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
+        model = cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
+        return model.with_statement(with_parts(model.statement, about=about)) if about else model
 
     @classmethod
     def from_sympy(cls, equations: Any, **sections: Any) -> Model:

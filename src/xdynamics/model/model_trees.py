@@ -17,6 +17,7 @@ from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.joint_sections import Joint
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
+    Authorship,
     Constraint,
     Contact,
     Controller,
@@ -77,6 +78,7 @@ class ModelTrees:
     time_unit: Unit
     pictured: Pictured
     fit: Fitted | None
+    about: Authorship | None
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     shapes: Shapes
@@ -167,6 +169,7 @@ class ModelTrees:
             discrepancy={},
             pictured=Pictured(),
             fit=None,
+            about=None,
             at_rest=(),
         )
         return toml.write(stripped)

@@ -67,6 +67,32 @@ class Fitted:
 
 
 @dataclass(frozen=True)
+class Authorship:
+    """Who stands for a model and its runs, and under which terms: in ACDD's words, outside of what is computed."""
+
+    creator: str = ""
+    institution: str = ""
+    license: str = ""
+    id: str = ""
+    references: str = ""
+    comment: str = ""
+
+    @classmethod
+    def of(cls, attributes: Mapping[Any, Any]) -> Authorship | None:
+        """Read what the attributes of a record say; None if that is nothing."""
+        told = {name: str(attributes[key]) for name, key in _TOLD.items() if key in attributes}
+        return cls(**told) if told else None
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """The attributes of a record that say so (ACDD 1.3, CF 1.11)."""
+        return {_TOLD[name]: text for name, text in vars(self).items() if text}
+
+
+_TOLD = {"creator": "creator_name"} | {name: name for name in ("institution", "license", "id", "references", "comment")}
+
+
+@dataclass(frozen=True)
 class State:
     """A first-order state beside the motion; `smooth` as in `Force`."""
 

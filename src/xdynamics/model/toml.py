@@ -23,8 +23,9 @@ from xdynamics.units.rounded import decimal_text
 
 
 def write(statement: Statement) -> str:
-    """Return TOML that reads back as the same model."""
+    """Return TOML that reads back as the same model, whoever stands for it."""
     tables, lines = tables_of(statement), []
+    tables.pop("about", None)  # a record has it among its attributes, where it can be changed
     for title, body in tables.items():
         if not isinstance(body, dict):
             lines.append(f"{title} = {_value(body)}")

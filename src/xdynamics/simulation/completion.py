@@ -14,6 +14,7 @@ from xdynamics.archive.place import Given
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
+from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import asked_of
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import kept_run
@@ -82,7 +83,9 @@ def complete(
     with kept_run(run, path, "complete") as kept:
         if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
             raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
-        model = Model.from_record(kept["model_toml"].values.item(), functions=functions)
+        model = Model.from_record(
+            kept["model_toml"].values.item(), functions=functions, about=Authorship.of(kept.attrs)
+        )
         settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
         whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
         # of a quantity some elements may have been kept: element by element only where whole ones differ

@@ -23,6 +23,7 @@ from xdynamics.march.run import NO_LINK
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies, bodies
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
+from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.partial_records import log_description
@@ -105,7 +106,9 @@ def extend(
     """
     check_destination(path, resume=resume)
     with kept_run(run, path, "extend") as kept:
-        model = Model.from_record(kept["model_toml"].values.item(), functions=functions)
+        model = Model.from_record(
+            kept["model_toml"].values.item(), functions=functions, about=Authorship.of(kept.attrs)
+        )
         march = _march_on(kept, model, until, progress)
         return marched_record(march, path, _rows(kept, march), resume=resume)
 
