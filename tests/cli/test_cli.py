@@ -422,3 +422,16 @@ def test_refinements_of_quantities_with_dimensions_are_told(tmp_path: Path) -> N
     assert "r, v_r: 14 further elements of each are in the record" in long.output
     told = re.findall(r"^(.*): \d+ further occurrences are in the record$", long.output, re.MULTILINE)
     assert told == ["event_time_walls", "event_time_discs", "event_time_far_walls"]
+
+
+def test_verdicts_are_a_line_each(ball: Path, tmp_path: Path) -> None:
+    """Assert verdict, file and fault in one line of standard output, and what says at which rows a run was edited."""
+    edited, damaged = tmp_path / "edited.nc", tmp_path / "damaged.nc"
+    run = xd.open_run(ball).load()
+    run.assign(y=2.0 * run.y).to_netcdf(edited, engine="netcdf4")
+    damaged.write_bytes(ball.read_bytes()[:-3000])
+    done = call("verify", ball, edited, damaged)
+    lines = done.stdout.splitlines()
+    assert (done.exit_code, [line.split()[0] for line in lines]) == (1, ["verified", "edited", "damaged"])
+    assert lines[1].startswith(f"edited  {edited}: variable 'y' differs from its digest (xdynamics reproduce")
+    assert lines[2].startswith(f"damaged  {damaged}: it cannot be read: ")

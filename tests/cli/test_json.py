@@ -158,14 +158,14 @@ def test_numbers_that_are_not_finite_have_a_form() -> None:
 
 
 def test_damage_is_a_verdict(told: dict[str, Any], tmp_path: Path) -> None:
-    """Assert that `verify --json` has a verdict for each archive and the exit code of the worst, errors beside it."""
+    """Assert that `verify --json` has a verdict for each archive and the exit code of the worst: damage is an answer."""
     bad = tmp_path / "bad.nc"
     bad.write_bytes((told["folder"] / "run.nc").read_bytes()[:-3000])
     done = call("verify", told["folder"] / "run.nc", told["folder"] / "grid", bad, "--json")
     archives = json.loads(done.stdout)["archives"]
     assert (done.exit_code, [entry["verdict"] for entry in archives]) == (1, ["verified", "verified", "damaged"])
     assert "digest" not in archives[2]
-    assert str(bad) in done.stderr
+    assert archives[2]["text"].startswith(f"damaged  {bad}: ")
 
 
 def test_errors_leave_standard_output_empty() -> None:

@@ -9,6 +9,8 @@ import click
 from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, progress, say
 from xdynamics.cli.marching import changed_model
 
+MOST_LISTED = 5  # faults in a line
+WHERE = " (xdynamics reproduce marches a run again, and says at which rows)"
 RESEALED = "every number agrees, the seal is gone: xd.save seals it again"
 
 
@@ -26,7 +28,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     """
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as compared
-    from xdynamics.archive.integrity_checks import DAMAGED, REPACKED, VERIFIED
+    from xdynamics.archive.integrity_checks import DAMAGED, EDITED, REPACKED, VERIFIED
     from xdynamics.archive.place import placed
     from xdynamics.archive.stores import is_folder
     from xdynamics.faults import ArchiveError, InputError
@@ -55,8 +57,13 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
             say([text])
             damaged = (audit and not _audited(archive, verdicts[-1])) or damaged
         except ArchiveError as error:
-            complain(error)
-            verdicts.append({"archive": archive, "verdict": error.verdict or DAMAGED, "text": str(error)})
+            verdict, text = error.verdict or DAMAGED, str(error)
+            if error.verdict and not is_folder(place):
+                text = f"{verdict}  {archive}: {_listed(error.faults)}{WHERE if verdict == EDITED else ''}"
+                say([text])
+            else:
+                complain(error)
+            verdicts.append({"archive": archive, "verdict": verdict, "text": text})
             damaged = True
         except InputError as error:
             complain(error)
@@ -64,6 +71,12 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
             wrong = True
     hand_over({"kind": "verification", "archives": verdicts})
     sys.exit(BADLY if damaged else WRONG_INPUT if wrong else DONE)
+
+
+def _listed(faults: tuple[str, ...]) -> str:
+    """Return faults in one line, the first ones of many."""
+    rest = len(faults) - MOST_LISTED
+    return "; ".join(faults[:MOST_LISTED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _audited(archive: str, verdict: dict[str, str]) -> bool:
