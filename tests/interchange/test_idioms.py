@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from cases.problems import MODELS
 
 WAYS: dict[str, Callable[[xr.Dataset, Path], xr.Dataset]] = {
     "marched": lambda run, _: run,
@@ -190,3 +191,27 @@ def test_a_thinned_run_names_rows_by_number() -> None:
         )
         assert found.before_v_y.values.tolist() == expected.before_v_y.values.tolist()
     assert whole.step_number.values.tolist() == list(range(whole.sizes["step"]))
+
+
+@pytest.mark.parametrize(
+    "kept", [{"coords": "different", "compat": "equals"}, {"coords": "minimal", "compat": "override"}]
+)
+def test_several_runs_are_not_taken_for_one(kept: dict[str, Any]) -> None:
+    """Assert one line of each verb for runs that were put together, also where xarray kept the parameters of one."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    heavy = model.replace(parameters={"m": "0.2 kg"})
+    runs = [xd.simulate(one, until=1.0, step=0.01, method="rk4") for one in (model, heavy)]
+    both = xr.concat(runs, "member", **kept)
+    verbs: list[Callable[[], Any]] = [
+        lambda: xd.sample(both, [0.5]),
+        lambda: both.dynamics.at(0.5),
+        both.dynamics.events,
+        both.dynamics.tree,
+        lambda: xd.compare(both, runs[0]),
+        lambda: xd.diagnose(both),
+        lambda: xd.plot(both),
+        lambda: xd.extend(both, until="2 s"),
+    ]
+    for verb in verbs:
+        with pytest.raises(xd.InputError, match="these are several runs, along 'member'; give one at a time"):
+            verb()

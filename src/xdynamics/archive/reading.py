@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.integrity_checks import DAMAGED, EDITED, VERIFIED, Examination, harmed
+from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination, harmed
 from xdynamics.archive.inventory import inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, attributes, opened, words_of
 from xdynamics.archive.origin import read
@@ -246,12 +246,8 @@ def _check_record(run: xr.Dataset, path: Place, examination: Examination | None)
         faults = [words_of(error)]
     if faults:
         run.close()
-        verdict = examination.verdict if examination else VERIFIED
-        said = (
-            "was edited, and is no run record any more"
-            if verdict == EDITED
-            else "is as it was written, but no run record"
-        )
+        verdict = EDITED if examination and examination.verdict == EDITED else ""
+        said = "was edited, and is no run record any more" if verdict else "is as it was written, but no run record"
         raise ArchiveError(f"'{path}' {said}:{numbered(faults)}", tuple(faults), verdict)
 
 

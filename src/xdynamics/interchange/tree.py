@@ -8,6 +8,7 @@ import numpy as np
 
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.record.named_rows import rows_named
+from xdynamics.record.run_dataset import check_single
 from xdynamics.record.variable_attributes import without_bounds
 from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, OF_MOTION, SAMPLES, STEPS, TRIALS
 
@@ -41,6 +42,7 @@ def tree(run: xr.Dataset) -> xr.DataTree:
     """
     import xarray as xr
 
+    check_single(run)
     own: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
     root = {}
     for name, variable in run.variables.items():

@@ -21,7 +21,7 @@ from xdynamics.march.log import mapped
 from xdynamics.record import provenance
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
-from xdynamics.record.folding import check_elements
+from xdynamics.record.folding import check_elements, model_dimensions
 from xdynamics.record.logged_elements import sizes_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.record.size import check_growth
@@ -30,6 +30,7 @@ from xdynamics.schema import (
     BOUNDS,
     EVENT_BOUNDS,
     EVENTS,
+    EVIDENCE,
     GIVEN_STEP,
     LABEL,
     LINK,
@@ -38,6 +39,7 @@ from xdynamics.schema import (
     TRIALS,
     Variable,
     is_coordinate,
+    logged_of,
 )
 from xdynamics.shapes.blocks import Block
 
@@ -176,6 +178,8 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
     faults = faults_of(run, whole=whole, values=values)
     if faults:
         check_elements(run)
+        if EVIDENCE not in run.attrs:
+            check_single(run)
         raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
 
 
@@ -190,6 +194,24 @@ def check_dataset(given: Any) -> None:
         raise InputError(f"'{shown(given)}' is a path; open it first, with open_run")
     if not hasattr(given, "data_vars"):
         raise InputError(f"{str(given)[:60]!r} is no Dataset, as simulate and open_run return one")
+
+
+def check_single(run: xr.Dataset) -> None:
+    """Check that a record is of one run: of several, put together, only one may have kept its parameters.
+
+    Raises
+    ------
+    InputError
+        Naming the dimension of the runs.
+    """
+    own = {STEPS, *(name for dim in model_dimensions(run) for name in (dim, logged_of(dim)))}
+    dims = {dim for variable in run.variables.values() if STEPS in variable.dims for dim in variable.dims}
+    if several := sorted(map(str, dims - own)):
+        raise InputError(
+            f"these are several runs, along '{several[0]}'; give one at a time, as in [f(run) for run in runs], before they are"
+            f" put together by xr.concat(…, '{several[0]}', coords='different', compat='equals'), which keeps the parameters"
+            " of each"
+        )
 
 
 def check_kind(run: Any) -> None:
@@ -207,6 +229,7 @@ def check_kind(run: Any) -> None:
     missing += [name for name in attributes if name not in getattr(run, "attrs", ())]
     if missing:
         raise InputError(f"this is no run record: it has no {', '.join(missing)}")
+    check_single(run)
     if run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError(
             f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{STEPS}'"
