@@ -28,6 +28,7 @@ from xdynamics.record.size import check_growth
 from xdynamics.runtime.files import shown
 from xdynamics.schema import (
     BOUNDS,
+    DIMENSIONS,
     EVENT_BOUNDS,
     EVENTS,
     EVIDENCE,
@@ -204,7 +205,7 @@ def check_single(run: xr.Dataset) -> None:
     InputError
         Naming the dimension of the runs.
     """
-    own = {STEPS, *(name for dim in model_dimensions(run) for name in (dim, logged_of(dim)))}
+    own = {*DIMENSIONS, *(name for dim in model_dimensions(run) for name in (dim, logged_of(dim)))}
     dims = {dim for variable in run.variables.values() if STEPS in variable.dims for dim in variable.dims}
     if several := sorted(map(str, dims - own)):
         raise InputError(
