@@ -142,7 +142,10 @@ NOTES = frozenset(
     )
 )
 # with these begin the names of attributes by which readers here take a record for what it is
-OF_RECORD = ("solver_", "run_", "sweep_", "selection", "derived", "model_", "force_", "initial_", "atol_", "math_")
+OF_RECORD = (
+    *("Conventions", "schema_version", "evidence", "proven", "runs", "selection", "derived"),
+    *("solver_", "run_", "sweep_", "model_", "force_", "initial_", "atol_", "math_"),
+)
 RUN_SEAL, CIRCUMSTANCE = "run_seal", "circumstance"  # a variable that is one, the digest of a file's bytes; its role
 COUNTS = ("run_force_evaluations", "run_jacobian_evaluations", "run_factorisations", "run_accepted_steps",
           "run_rejected_trials")  # fmt: skip

@@ -23,15 +23,12 @@ from xdynamics.schema import (
     DIGEST,
     DIGESTS,
     DOCUMENT,
-    EVIDENCE,
     LABEL,
     MODEL_DIMENSIONS,
     NAMES_ROWS,
     OF_RECORD,
     ORIGIN,
-    PROVEN,
     ROOT_DIGEST,
-    RUNS,
     SEALED,
     STEP_NUMBER,
     TEXT_NAMES,
@@ -72,17 +69,17 @@ class Examination:
     verdict: str = VERIFIED
 
     @classmethod
-    def of(cls, found: Sequence[Fault], tail: Tail, attributes: Mapping[str, Any]) -> Examination:
-        """Judge what was found: a seal covers every byte, and where none is there, what the record says decides."""
-        kinds = {kind for kind, _ in found}
-        faults = tuple(text for _, text in found)
+    def of(cls, differences: Sequence[Fault], tail: Tail, attributes: Mapping[str, Any]) -> Examination:
+        """Judge what differs: a seal covers every byte, and where none is there, what the record says decides."""
+        kinds = {kind for kind, _ in differences}
+        faults = tuple(text for _, text in differences)
         if HARM in kinds:
             sealed = tail.digest or tail.fault
-            verdict, faults = DAMAGED, tuple(text for kind, text in found if sealed or kind != MANNER)
+            verdict, faults = DAMAGED, tuple(text for kind, text in differences if sealed or kind != MANNER)
         elif tail.digest:
             verdict = EDITED if faults else VERIFIED
         elif EDIT in kinds:
-            verdict, faults = EDITED, tuple(text for kind, text in found if kind == EDIT)
+            verdict, faults = EDITED, tuple(text for kind, text in differences if kind == EDIT)
         else:  # archives of the first versions had no seal
             verdict, faults = REPACKED if faults or SEALED in attributes else VERIFIED, ()
         return cls(faults, str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")), verdict)
@@ -126,13 +123,13 @@ def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None
     granted : callable, optional
         Called with the number of bytes to be read, once the file can hold that many.
     """
-    found = [tail.fault] if tail.fault else []
+    harms = [tail.fault] if tail.fault else []
     try:
         objects = inventory(path)
     except DAMAGE as error:
-        return harmed(*found, f"it cannot be read: {words_of(error)}")
+        return harmed(*harms, f"it cannot be read: {words_of(error)}")
     if objects.faults:  # not opened: the netCDF library would follow them
-        return harmed(*found, *objects.faults)
+        return harmed(*harms, *objects.faults)
     return compare(path, tail, objects, granted)
 
 
@@ -150,42 +147,42 @@ def compare(
     granted : callable, optional
         As for `examine`.
     """
-    found = [tail.fault] if tail.fault else []
+    harms = [tail.fault] if tail.fault else []
     try:
         with opened(path) as file:
             if bounds := oversize(path, file):
-                return harmed(*found, *bounds)
+                return harmed(*harms, *bounds)
             if granted:
                 granted(declared(file))
             if path.stat().st_size <= AT_ONCE:  # one turn in the library for all of it, not six for each variable
-                return alone(_examined)(file, tail, found, objects)
-            return _examined(file, tail, found, objects)
+                return alone(_examined)(file, tail, harms, objects)
+            return _examined(file, tail, harms, objects)
     except DAMAGE as error:
-        return harmed(*found, f"it cannot be read: {words_of(error)}")
+        return harmed(*harms, f"it cannot be read: {words_of(error)}")
 
 
 def _examined(file: Any, tail: Tail, harms: list[str], objects: Inventory | None) -> Examination:
-    found = [(HARM, harm) for harm in harms] + [(MANNER, fault) for fault in foreign(file)]
+    differences = [(HARM, harm) for harm in harms] + [(MANNER, fault) for fault in foreign(file)]
     attributes = attributes_of(file)
     if objects is not None:
         shown = {name: {*attributes_of(variable)} for name, variable in file.variables.items()}
-        found += [(HARM, fault) for fault in objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})]
+        differences += [(HARM, fault) for fault in objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})]
     if ORIGIN in attributes:
-        found.append((MANNER, f"attribute '{ORIGIN}' is none of an archive"))
+        differences.append((MANNER, f"attribute '{ORIGIN}' is none of an archive"))
     if ROOT_DIGEST not in attributes:
-        found.append((HARM, f"attribute '{ROOT_DIGEST}' is missing, which xd.save writes"))
+        differences.append((HARM, f"attribute '{ROOT_DIGEST}' is missing, which xd.save writes"))
     needed = [VOLATILE_DIGEST, *([] if is_former(attributes) else [DIGESTS])]
-    found += [(MANNER, f"attribute '{name}' is missing") for name in needed if name not in attributes]
+    differences += [(MANNER, f"attribute '{name}' is missing") for name in needed if name not in attributes]
     record = _Record(
         attributes, {recorded_name(name, variable, attributes): variable for name, variable in file.variables.items()}
     )
-    differing = [*record.faults()]
-    found += differing
-    if ROOT_DIGEST in attributes and all(kind == MANNER for kind, _ in differing) and not record.agrees():
-        found.append((EDIT, "the attributes differ from the content digest"))
+    of_variables = [*record.faults()]
+    differences += of_variables
+    if ROOT_DIGEST in attributes and all(kind == MANNER for kind, _ in of_variables) and not record.agrees():
+        differences.append((EDIT, "the attributes differ from the content digest"))
     if VOLATILE_DIGEST in attributes and attributes[VOLATILE_DIGEST] != record.volatile_digest():
-        found.append((MANNER, "the attributes on date, versions and machine differ from their digest"))
-    return Examination.of(found, tail, attributes)
+        differences.append((MANNER, "the attributes on date, versions and machine differ from their digest"))
+    return Examination.of(differences, tail, attributes)
 
 
 def recorded_name(name: str, variable: Any, attributes: Mapping[str, Any]) -> str:
@@ -237,15 +234,11 @@ class _Record:
         for name in self._variables:
             if (fault := self._fault_of(name)) is not None:
                 yield fault
-        if self._stated:
-            yield from (
-                (EDIT, f"variable '{name}' is missing, of which there is a digest")
-                for name in self._stated
-                if name not in self._variables
-            )
-        if len(self._noted) == len(
-            self._variables
-        ):  # else what could not be read would be missing among the coordinates
+        for name in self._stated:
+            if name not in self._variables:
+                yield EDIT, f"variable '{name}' is missing, of which there is a digest"
+        # what could not be read would be missing among the coordinates
+        if len(self._noted) == len(self._variables):
             about = {name: (stored.dims, stored.attributes.get("role")) for name, stored in self._noted.items()}
             for name, stored in self._noted.items():
                 if stored.coordinates not in (None, coordinates_of(name, about, former=is_former(self._attributes))):
@@ -293,8 +286,12 @@ class _Record:
         names = [*self._attributes]
         behind = names[names.index(VOLATILE_DIGEST) :] if VOLATILE_DIGEST in names else []  # it is written last
         for added in ((), behind):
-            left = {name: value for name, value in self._attributes.items() if name not in added or _is_of_record(name)}
-            if root_digest(digests, own, left) == wanted:
+            remaining = {
+                name: value
+                for name, value in self._attributes.items()
+                if name not in added or name.startswith(OF_RECORD)
+            }
+            if root_digest(digests, own, remaining) == wanted:
                 return True
         return False
 
@@ -309,8 +306,3 @@ class _Record:
     @property
     def _own(self) -> dict[str, dict[str, Any]]:
         return {name: stored.attributes for name, stored in self._noted.items()}
-
-
-def _is_of_record(name: str) -> bool:
-    """Whether readers here take a record for what it is by such an attribute, which nobody notes beside it."""
-    return name.startswith(OF_RECORD) or name in (EVIDENCE, PROVEN, RUNS, "schema_version", "Conventions")

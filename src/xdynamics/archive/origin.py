@@ -67,9 +67,6 @@ class Origin(list[str]):
     It is a list of one text: all formats that xarray writes take that, and some refuse a kind of text of our own.
     """
 
-    def __repr__(self) -> str:
-        return repr(self[0])
-
     attributes: dict[str, Any]
     source: Source | None
     edits: tuple[str, ...]
@@ -122,6 +119,9 @@ class Origin(list[str]):
             }
 
         return Origin.of(parts, self.attributes, self.source, self.edits)
+
+    def __repr__(self) -> str:
+        return repr(self[0])
 
     def __copy__(self) -> Origin:
         return self

@@ -21,7 +21,7 @@ from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_o
 from xdynamics.archive.store import Held
 from xdynamics.archive.stores import store_of
 from xdynamics.archive.text_encoding import form_of
-from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, numbered, warn
+from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, few, numbered, warn
 from xdynamics.record import faults_of
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.partial_records import is_evidence, kind_description
@@ -83,7 +83,7 @@ def open_run(
     edits = examination.faults if examination is not None and examination.verdict == EDITED else ()
     _check_record(run, place, examination)
     if edits:
-        warn(f"'{place}' was edited since it was archived: {'; '.join(edits)}", EditedWarning)
+        warn(f"'{place}' was edited since it was archived: {few(edits)}", EditedWarning)
     result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))), edits=edits, texts=check)
     result = result if chunks is None else _chunked(result, chunks)
     return quantified(result) if quantify else result

@@ -113,7 +113,7 @@ def save(
     if not isinstance(compress, bool | None):
         raise InputError(f"compress is {compress!r}, needs true or false")
     place = placed(path)
-    told = {
+    notes = {
         "creator": creator,
         "institution": institution,
         "license": license,
@@ -121,7 +121,7 @@ def save(
         "references": references,
         "comment": comment,
     }
-    return _written(_checked(_noted(run, told), place, derived), place, compress=compress)
+    return _written(_checked(_noted(run, notes), place, derived), place, compress=compress)
 
 
 def save_many(
@@ -207,16 +207,16 @@ def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
     return files
 
 
-def _noted(run: xr.Dataset, told: Mapping[str, Any]) -> xr.Dataset:
+def _noted(run: xr.Dataset, notes: Mapping[str, Any]) -> xr.Dataset:
     """Return a record with notes of who stands for it."""
-    given = {name: text for name, text in told.items() if text is not None}
-    for name, text in given.items():
+    texts = {name: text for name, text in notes.items() if text is not None}
+    for name, text in texts.items():
         if not isinstance(text, str) or not text.strip():
             raise InputError(f"{name} is {text!r}, needs a text")
-    if not given:
+    if not texts:
         return run
     noted = run.copy(deep=False)
-    noted.attrs |= Authorship(**given).attributes
+    noted.attrs |= Authorship(**texts).attributes
     return noted
 
 

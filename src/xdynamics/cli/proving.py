@@ -9,7 +9,6 @@ import click
 from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, progress, say
 from xdynamics.cli.marching import changed_model
 
-MOST_LISTED = 5  # faults in a line
 WHERE = " (xdynamics reproduce marches a run again, and says at which rows)"
 RESEALED = "every number agrees, the seal is gone: xd.save seals it again"
 
@@ -31,7 +30,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     from xdynamics.archive.integrity_checks import DAMAGED, EDITED, REPACKED, VERIFIED
     from xdynamics.archive.place import placed
     from xdynamics.archive.stores import is_folder
-    from xdynamics.faults import ArchiveError, InputError
+    from xdynamics.faults import ArchiveError, InputError, few
     from xdynamics.record.partial_records import kind_description
 
     damaged = wrong = False
@@ -47,7 +46,8 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
             if key:
                 verdict, digest = VERIFIED, signatures.verify_signature(archive, key)
             else:
-                verdict, digest = (found := compared(archive)).verdict, found.digest
+                examination = compared(archive)
+                verdict, digest = examination.verdict, examination.digest
             shown = f"signed, by '{key}'{signatures.covered(place)}" if key else signatures.protection(place)
             shown = RESEALED if verdict == REPACKED else shown
             with open_run(archive, check=False) as run:
@@ -59,7 +59,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
         except ArchiveError as error:
             verdict, text = error.verdict or DAMAGED, str(error)
             if error.verdict and not is_folder(place):
-                text = f"{verdict}  {archive}: {_listed(error.faults)}{WHERE if verdict == EDITED else ''}"
+                text = f"{verdict}  {archive}: {few(error.faults)}{WHERE if verdict == EDITED else ''}"
                 say([text])
             else:
                 complain(error)
@@ -71,12 +71,6 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
             wrong = True
     hand_over({"kind": "verification", "archives": verdicts})
     sys.exit(BADLY if damaged else WRONG_INPUT if wrong else DONE)
-
-
-def _listed(faults: tuple[str, ...]) -> str:
-    """Return faults in one line, the first ones of many."""
-    rest = len(faults) - MOST_LISTED
-    return "; ".join(faults[:MOST_LISTED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _audited(archive: str, verdict: dict[str, str]) -> bool:
@@ -99,12 +93,13 @@ def _verified_sweep(folder: str) -> tuple[str, str, str]:
     from xdynamics.archive.place import placed
     from xdynamics.sweeping.catalogue import unfinished, verify_sweep
 
-    found, files = verify_sweep(folder)
+    examination, files = verify_sweep(folder)
     note = (
         "; members were being added to it: the same sweep, called again, goes on" if unfinished(placed(folder)) else ""
     )
     runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
-    return found.verdict, found.digest, f"{found.verdict}  {folder}  {found.digest}: a sweep{runs}{note}"
+    verdict, digest = examination.verdict, examination.digest
+    return verdict, digest, f"{verdict}  {folder}  {digest}: a sweep{runs}{note}"
 
 
 @main.command(makes=True)

@@ -47,15 +47,15 @@ before and after it.
   xr.concat([a, b], "run") of runs that have equally many rows at other times.
 Many files. Runs with as many rows, events and force evaluations are put together by xarray alone,
 as are catalogues of sweeps that keep quantities at times:
-  one = dict(engine="xdynamics", combine="nested", concat_dim="run", coords="different",
-             compat="equals")
-  xr.open_mfdataset("runs/*.nc", **one)
-  xr.open_mfdataset(["a/catalogue.nc", "b/catalogue.nc"], **one)
+  nested = dict(engine="xdynamics", combine="nested", concat_dim="run", coords="different",
+                compat="equals")
+  xr.open_mfdataset("runs/*.nc", **nested)
+  xr.open_mfdataset(["a/catalogue.nc", "b/catalogue.nc"], **nested)
 Without the engine xarray fails at texts that differ, `Can not use auto rechunking with object
 dtype`; without coords and compat it may keep one parameter for all.
 Others have rows of their own, `AlignmentError: cannot reindex or align along dimension 'step'`: put
 them on common times,
-  xr.open_mfdataset("runs/*.nc", preprocess=lambda run: xd.sample(run, "0:2:201 s"), **one)
+  xr.open_mfdataset("runs/*.nc", preprocess=lambda run: xd.sample(run, "0:2:201 s"), **nested)
 or keep them in a sweep, whose runs are read when they are used, along its axes:
   found = xd.sweep(model, {"g": "9:10:11 m s-2"}, keep=["log"], path="grid")   (or sweep --keep log)
   xd.open_logs("grid", "0:2:201 s")

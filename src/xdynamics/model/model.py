@@ -25,7 +25,7 @@ from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.model_trees import BY_NAME, ModelTrees
 from xdynamics.model.name_consistency import check_names_of_today
-from xdynamics.model.parts import Authorship
+from xdynamics.model.parts import NOBODY, Authorship
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
@@ -160,7 +160,7 @@ class Model(ModelTrees):
         text: str,
         *,
         functions: Mapping[str, Callable[..., float]] | None = None,
-        about: Authorship | None = None,
+        about: Authorship = NOBODY,
     ) -> Model:
         """Read a model from the `model_toml` of a record, or `to_toml`, which may be as long as tables of 10^6 rows are.
 
@@ -178,7 +178,7 @@ class Model(ModelTrees):
             If the text cannot be read, or with every fault of its statement.
         """
         model = cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
-        return model.with_statement(with_parts(model.statement, about=about)) if about else model
+        return model if about == model.about else model.with_statement(with_parts(model.statement, about=about))
 
     @classmethod
     def from_sympy(cls, equations: Any, **sections: Any) -> Model:

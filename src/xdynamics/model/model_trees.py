@@ -78,7 +78,7 @@ class ModelTrees:
     time_unit: Unit
     pictured: Pictured
     fit: Fitted | None
-    about: Authorship | None
+    about: Authorship
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     shapes: Shapes
@@ -169,7 +169,6 @@ class ModelTrees:
             discrepancy={},
             pictured=Pictured(),
             fit=None,
-            about=None,
             at_rest=(),
         )
         return toml.write(stripped)

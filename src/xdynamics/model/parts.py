@@ -78,18 +78,20 @@ class Authorship:
     comment: str = ""
 
     @classmethod
-    def of(cls, attributes: Mapping[Any, Any]) -> Authorship | None:
-        """Read what the attributes of a record say; None if that is nothing."""
-        told = {name: str(attributes[key]) for name, key in _TOLD.items() if key in attributes}
-        return cls(**told) if told else None
+    def of(cls, attributes: Mapping[Any, Any]) -> Authorship:
+        """Read what the attributes of a record say."""
+        return cls(**{name: str(attributes[key]) for name, key in _IN_ACDD.items() if key in attributes})
 
     @property
     def attributes(self) -> dict[str, str]:
         """The attributes of a record that say so (ACDD 1.3, CF 1.11)."""
-        return {_TOLD[name]: text for name, text in vars(self).items() if text}
+        return {_IN_ACDD[name]: text for name, text in vars(self).items() if text}
 
 
-_TOLD = {"creator": "creator_name"} | {name: name for name in ("institution", "license", "id", "references", "comment")}
+NOBODY = Authorship()
+_IN_ACDD = {"creator": "creator_name"} | {
+    name: name for name in ("institution", "license", "id", "references", "comment")
+}
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.links import Links, related
 from xdynamics.model.parts import (
+    NOBODY,
     Authorship,
     Constraint,
     Contact,
@@ -76,7 +77,7 @@ class Statement:
     time_unit: Unit = SECONDS
     pictured: Pictured = field(default_factory=Pictured)  # what figures show
     fit: Fitted | None = None  # where the parameters come from
-    about: Authorship | None = None  # who stands for it; in no text of the model, which is a part of a record's content
+    about: Authorship = NOBODY  # who stands for it; in no text of the model, which is content of a record
     at_rest: Sequence[str] = ()  # velocities without an initial value: 0
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
     extents: dict[str, Extent] = field(default_factory=dict)  # dimensions

@@ -113,7 +113,7 @@ def settings_used(march: March) -> dict[str, Any]:
     recorded |= _rests_of_times(settings)
     recorded |= _thinning(march) | _nodes_and_scales(settings, model.time_unit.text)
     said = {key: spoken(value) if isinstance(value, str) else value for key, value in recorded.items()}
-    return said | (model.about.attributes if model.about else {}) | circumstances("simulated")
+    return said | model.about.attributes | circumstances("simulated")
 
 
 def _ended(march: March) -> dict[str, Any]:

@@ -283,12 +283,13 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
         return _quantities(initial, kind, values, model.statement.initial[initial].scale_of_numbers, _said(name))
     if name in model.drives:
         return _tables(name, values)
+    label = f"{FOR_SETTING}{name}"
     if name == STEP:
-        return _positive(_quantities(name, STEP, values, Scale(model.time_unit), f"{FOR_SETTING}{name}"))
+        return _positive(_quantities(name, STEP, values, Scale(model.time_unit), label))
     if name == RTOL:
-        return _positive(_quantities(name, RTOL, values, Scale(parse_unit("1")), f"{FOR_SETTING}{name}"))
+        return _positive(_quantities(name, RTOL, values, Scale(parse_unit("1")), label))
     if name in SETTINGS:
-        return _settings(model, name, values)
+        return _settings(model, name, values, label)
     quantities = of_wholes((*model.statement.parameters, *model.statement.initial))
     available = [*quantities, *model.drives, STEP, RTOL, *SETTINGS]
     raise InputError(f"'{_said(name)}' is nothing that can vary; there are {', '.join(available)}")
@@ -320,10 +321,10 @@ def _positive(column: AxisColumn) -> AxisColumn:
     return column
 
 
-def _settings(model: Model, name: str, entries: Any) -> AxisColumn:
+def _settings(model: Model, name: str, entries: Any, label: str) -> AxisColumn:
     """Read words or numbers that `simulate` takes."""
     if name in TIMES:
-        return _quantities(name, SETTING, entries, Scale(model.time_unit), f"{FOR_SETTING}{name}")
+        return _quantities(name, SETTING, entries, Scale(model.time_unit), label)
     row: Sequence[Any] = [value.strip() for value in entries.split(",")] if isinstance(entries, str) else entries
     if isinstance(row, int | float) or not hasattr(row, "__iter__"):
         row = [row]
@@ -335,7 +336,7 @@ def _settings(model: Model, name: str, entries: Any) -> AxisColumn:
         raise InputError(f"has {wrong[0]!r}, needs words or numbers")
     words = any(isinstance(value, str) for value in values)
     array = np.array([str(value) for value in values], object) if words else np.array(values, float)
-    return AxisColumn(name, SETTING, array, Unit("1", NONE), f"{FOR_SETTING}{name}")
+    return AxisColumn(name, SETTING, array, Unit("1", NONE), label)
 
 
 def _tables(name: str, sources: Any) -> AxisColumn:

@@ -140,16 +140,16 @@ def verify(path: Given) -> xr.Dataset:
     is_sweep = zarr_catalogue.is_one(place) or (
         is_folder(place) and (_is_file(place / CATALOGUE) or is_folder(place / UNFINISHED))
     )
-    found = verify_sweep(place)[0] if is_sweep else archive.verify(place)
-    told = {
+    examination = verify_sweep(place)[0] if is_sweep else archive.verify(place)
+    answer = {
         "verdict": (
             (),
-            found.verdict,
+            examination.verdict,
             about("1", "verified: as it was written; repacked: every number agrees", "verdict"),
         ),
-        "digest": ((), found.digest, about("1", "content digest, a sha256", "digest")),
+        "digest": ((), examination.digest, about("1", "content digest, a sha256", "digest")),
     }
-    return xr.Dataset(told, attrs={"title": f"verification of {place.name}", "archive": str(path)})
+    return xr.Dataset(answer, attrs={"title": f"verification of {place.name}", "archive": str(path)})
 
 
 def verify_sweep(path: Given) -> tuple[Examination, int]:
@@ -167,14 +167,14 @@ def verify_sweep(path: Given) -> tuple[Examination, int]:
     """
     folder = placed(path)
     if zarr_catalogue.is_one(folder):
-        found = Examination((), zarr_digests.verified(folder))
+        examination = Examination((), zarr_digests.verified(folder))
     else:
-        found = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else Examination(())
+        examination = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else Examination(())
     with open_sweep(folder) as sweep:
         faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
         raise _damaged(folder, faults)
-    return found, files
+    return examination, files
 
 
 def _damaged(folder: Place, faults: list[str]) -> ArchiveError:

@@ -158,7 +158,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
     keeping = plan.keeping
     return {
         "summary": plan.grid.model.description or f"Runs of {plan.grid.model.name}",
-        **(plan.grid.model.about.attributes if plan.grid.model.about else {}),
+        **plan.grid.model.about.attributes,
         "sweep_members": plan.grid.size,
         AXES: listed(plan.grid.dims),
         ASKED: json.dumps(plan.grid.asked, sort_keys=True),

@@ -180,8 +180,8 @@ def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
 
     Dates, versions, the machine, notes, counts of results and attributes that follow from others do not count.
     """
-    told = content_of(first.attrs) | content_of(second.attrs)
-    names = [name for name in told if name not in (*COUNTS, *FOLLOWING)]
+    content = content_of(first.attrs) | content_of(second.attrs)
+    names = [name for name in content if name not in (*COUNTS, *FOLLOWING)]
     lines = []
     for name in names:
         value, other_value = (plain(run.attrs).get(name, "absent") for run in (first, second))
