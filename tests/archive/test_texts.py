@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.stages import without_dates
 from cases.verdicts import verified
 from xdynamics.archive import writer
 from xdynamics.archive.seals import letters, seal_file
@@ -25,11 +26,6 @@ def swept(path: Path) -> Path:
     """March a sweep into a folder; return its catalogue."""
     xd.sweep(xd.Model.from_toml(MODELS / "ball_drag.toml"), AXES, path=path, **ASKED).close()
     return path / "catalogue.nc"
-
-
-def without_dates(run: xr.Dataset) -> xr.Dataset:
-    """Return a sweep without what differs each time that it is marched."""
-    return run.assign_attrs(dict.fromkeys(("history", "date_created", "volatile_digest"), ""))
 
 
 @pytest.mark.cases(400)

@@ -250,6 +250,16 @@ def test_an_edit_of_schema_1_is_found(edit: str, tmp_path: Path) -> None:
     assert (told.value.verdict, told.value.faults) == ("edited", (EDITS[edit][1],))
 
 
+def test_texts_of_schema_1_are_the_same_as_letters(tmp_path: Path) -> None:
+    """Assert that texts that xarray wrote along a dimension which the record did not have are those of the record."""
+    letters = {name: {"dtype": "S1"} for name in ("model_toml", "force_source")}
+    xd.open_run(OLD).to_netcdf(tmp_path / "letters.nc", engine="netcdf4", encoding=letters)
+    with netCDF4.Dataset(tmp_path / "letters.nc") as file:
+        assert file["model_toml"].dtype == "S1"
+    found = xd.verify(tmp_path / "letters.nc")
+    assert (found.verdict, found.digest) == ("repacked", verified(OLD))
+
+
 def test_notes_are_free_in_memory_too(tmp_path: Path) -> None:
     """Assert that what ACDD says beside the record can be added to a run, is kept, and changes no digest."""
     run = xd.simulate(ball(), until=1.0)

@@ -19,6 +19,11 @@ KNOWN_LATER = {
 CIRCUMSTANCES = {"date_created", "history"}
 
 
+def without_dates(result: xr.Dataset) -> xr.Dataset:
+    """Return a result without what differs each time that it is made."""
+    return result.assign_attrs(dict.fromkeys((*CIRCUMSTANCES, "volatile_digest"), ""))
+
+
 @contextmanager
 def marches() -> Iterator[list[str]]:
     """List the model and step of every march that begins, with nothing remembered of before."""

@@ -379,6 +379,13 @@ def test_whole_runs_in_files(tmp_path: Path) -> None:
     assert sum(times[name] != new[name] for name in times) == 1  # the damaged one alone
     assert verify_sweep(path)[1] == 3
     again.close()
+    with xd.open_run(file) as sealed:  # by another program, without a seal
+        sealed.load().to_netcdf(file.with_suffix(".new"), engine="netcdf4")
+    file.with_suffix(".new").replace(file)
+    (path / "catalogue.nc").unlink()
+    xd.sweep(ball(), {"vt": "20:40:3 m s-1"}, keep=["end", "log"], method="dop853", rtol=1e-6, path=path).close()
+    assert xd.verify(file).verdict == "verified"
+    assert verify_sweep(path)[1] == 3
 
 
 def test_a_member_from_the_catalogue_alone(tmp_path: Path) -> None:
