@@ -209,7 +209,10 @@ MODEL_DIMENSIONS = "model_dimensions"
 ELEMENTS, ELEMENT_NAME = "elements", "element_name"
 # attributes that have a number for each element, where these differ; which absolute tolerances follow their variables
 ATOL_FOLLOWING = "atol_follows"
-OF_ELEMENTS = ("atol", "atol_si", ATOL_FOLLOWING, "uncertainty")
+OF_ELEMENTS = (
+    *("atol", "atol_si", ATOL_FOLLOWING),
+    *("uncertainty", "uncertainty_half_width", "uncertainty_degrees_of_freedom"),
+)
 DETECTOR_DIMENSIONS = "detector_dimensions"  # of `event_detector`: along which dimensions a detector has elements
 LINK_OF = "of"  # of the ends of links: the dimension whose elements they are
 LABEL, LINK = "label", "link"  # roles of labels and of ends of links

@@ -173,5 +173,5 @@ def test_states_at_times_are_no_run(tmp_path: Path) -> None:
 def test_every_line_fits_and_names_what_there_is() -> None:
     """Assert that what the page names of the package is there."""
     names = {*re.findall(r"xd\.(\w+)", ARCHIVES_PAGE)}
-    assert names == {"open_run", "verify", "save", "sample", "sweep", "open_logs"} <= {*dir(xd)}
+    assert names == {"open_run", "verify", "save", "sample", "compare", "sweep", "open_logs"} <= {*dir(xd)}
     assert max(map(len, ARCHIVES_PAGE.splitlines())) <= 130

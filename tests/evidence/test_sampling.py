@@ -273,6 +273,7 @@ def test_a_step_that_cannot_be_solved_again_is_no_number() -> None:
     run = xd.simulate(model, method="implicit_midpoint", step=1.0, until=2.0)
     assert np.isfinite(xd.sample(run, 0.5).y[0])
     far = run.assign(y=("step", [1e20, 1.0, 1.0], run.y.attrs))
+    del far.attrs["origin"]  # nobody knows that it was edited
     for rule in ("reintegrate", "interpolant"):
         found = xd.sample(far, 0.5, rule=rule)
         assert np.isnan([found.y[0], found.error_y[0]]).all()

@@ -7,13 +7,17 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cf_xarray  # noqa: F401 - registers run.cf
 import netCDF4
 import numpy as np
+import pint_xarray  # noqa: F401 - registers run.pint
 import pytest
 import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.archive.integrity import edited_variables, with_units_that_hold
+from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 
 WAYS: dict[str, Callable[[xr.Dataset, Path], xr.Dataset]] = {
     "marched": lambda run, _: run,
@@ -215,3 +219,85 @@ def test_several_runs_are_not_taken_for_one(kept: dict[str, Any]) -> None:
     for verb in verbs:
         with pytest.raises(xd.InputError, match="these are several runs, along 'member'; give one at a time"):
             verb()
+
+
+REFUSED: dict[str, tuple[Callable[[xr.Dataset], Any], type[Exception], str]] = {
+    "max": (lambda run: run.max(), ValueError, "zero-size array to reduction operation maximum which has no identity"),
+    "resample": (
+        lambda run: run.resample(time="1s").mean(),
+        TypeError,
+        "Only valid with DatetimeIndex, TimedeltaIndex or PeriodIndex",
+    ),
+    "merge": (
+        lambda run: xr.merge([run, run.isel(step=slice(5))]),
+        ValueError,
+        "cannot reindex or align along dimension 'step'",
+    ),
+}
+
+
+@pytest.mark.parametrize("idiom", REFUSED)
+def test_what_xarray_refuses_is_on_the_page(run: xr.Dataset, idiom: str) -> None:
+    """Assert the errors of xarray that the page of archives lists, in the words that it has there."""
+    ask, kind, text = REFUSED[idiom]
+    with pytest.raises(kind) as refusal:
+        ask(run)
+    assert text in str(refusal.value)
+    assert text in " ".join(ARCHIVES_PAGE.split())
+
+
+def test_neighbours_of_xarray_take_a_run(run: xr.Dataset) -> None:
+    """Assert the time axis by cf-xarray, and units that are kept through pint's arithmetic where xarray keeps the old one."""
+    assert run.cf.axes["T"] == ["time"]
+    assert run.cf["time"].dims == ("step",)
+    assert (run.y / 1000).attrs["units"] == "m"
+    squared = (run.pint.quantify().v_y ** 2).pint.dequantify()
+    assert squared.attrs["units"] == "meter ** 2 / second ** 2"
+
+
+EDITED = {
+    "whole": lambda run: run.assign(y=run.y / 1000),
+    "in place": lambda run: run.copy(deep=True).pipe(lambda copy: copy.assign(y=copy.y.copy(data=copy.y.values * 2))),
+    "a selection": lambda run: run.assign(y=run.y / 1000).isel(step=slice(3, None)),
+    "shuffled": lambda run: run.assign(y=run.y / 1000).isel(
+        step=np.random.default_rng(2).permutation(run.sizes["step"])
+    ),
+}
+
+
+@pytest.mark.parametrize("edit", EDITED)
+@pytest.mark.parametrize("way", ["marched", "opened"])
+def test_no_unit_is_shown_that_an_edit_made_wrong(run: xr.Dataset, path: Path, edit: str, way: str) -> None:
+    """Assert an unknown unit in tables, and one line where states between rows would be computed from edited ones."""
+    edited = EDITED[edit](WAYS[way](run, path))
+    assert edited.y.attrs["units"] == "m"  # as xarray keeps it
+    assert edited.dynamics.frame().attrs["units"]["y"] == "unknown unit"
+    assert edited.dynamics.frame().attrs["units"]["v_y"] == "m s-1"
+    assert edited.dynamics.tree()["steps"].y.attrs["units"] == "unknown unit"
+    assert edited.dynamics.events().before_y.attrs["units"] == "unknown unit"
+    for verb in (edited.dynamics.plot, edited.dynamics.animate, lambda: edited.dynamics.at(0.1)):
+        with pytest.raises(
+            xd.InputError, match=r"^y: edited since the run was marched, .* run\.y\.plot\(x=\"time\"\)$"
+        ):
+            verb()
+
+
+UNEDITED = {
+    "a selection": lambda run: run.isel(step=slice(3, 40), event=[1]),
+    "shuffled": lambda run: run.isel(step=np.random.default_rng(2).permutation(run.sizes["step"]), event=[1, 0]),
+    "a copy": lambda run: run.copy(deep=True),
+    "read": lambda run: run.load(),
+    "in chunks and back": lambda run: run.chunk().compute(),
+    "with a speed": lambda run: run.assign(speed=abs(run.v_y)),
+    "in millimetres": lambda run: run.assign(y=(run.y * 1000).assign_attrs(units="mm")),
+    "its mean": lambda run: run.mean("step"),
+}
+
+
+@pytest.mark.parametrize("change", UNEDITED)
+@pytest.mark.parametrize("way", ["marched", "opened", "in chunks"])
+def test_what_is_not_edited_keeps_its_unit(run: xr.Dataset, path: Path, change: str, way: str) -> None:
+    """Assert that rows left out, in another order, copied, read or with a unit stated anew are no edit."""
+    changed = UNEDITED[change](WAYS[way](run, path))
+    assert edited_variables(changed) == []
+    assert with_units_that_hold(changed) is changed

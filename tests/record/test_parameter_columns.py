@@ -51,3 +51,43 @@ def test_elements_keep_the_digits_beyond_a_float() -> None:
     assert isinstance(by_label, Rounded)
     assert isinstance(alone, Rounded)
     assert by_label.exact == alone.exact
+
+
+def test_an_uncertainty_says_which_one_it_is() -> None:
+    """Assert the standard uncertainty of each distribution, its unit, and the width between bounds where that is stated."""
+    model = xd.Model.from_text(
+        """
+        name = "Spring"
+        coordinates.x = "m"
+        mass.x = "m"
+        forces.spring.x = "-k*x"
+        forces.pull.x = "a*c"
+        initial = { x = "1 m", v_x = "0 m s-1" }
+        [parameters]
+        m = "0.5 ± 0.005 kg"
+        k = { value = "3 N m-1", half_width = "30 N km-1" }
+        a = { value = "2 N", uncertainty = 0.1, distribution = "t", degrees_of_freedom = 9 }
+        c = 1.0
+        """
+    )
+    run = xd.simulate(model, method="rk4", step="10 ms", until="0.1 s")
+    said = {
+        name: {word: value for word, value in run[name].attrs.items() if word.startswith("uncertainty")}
+        for name in "mkac"
+    }
+    assert said["m"] == {
+        "uncertainty": 0.005,
+        "uncertainty_kind": "standard",
+        "uncertainty_units": "kg",
+        "uncertainty_distribution": "normal",
+    }
+    assert said["k"] == {
+        "uncertainty": pytest.approx(0.03 / 3**0.5, rel=1e-15),
+        "uncertainty_kind": "standard",
+        "uncertainty_units": "N m-1",
+        "uncertainty_distribution": "rectangular",
+        "uncertainty_half_width": pytest.approx(0.03, rel=1e-15),
+    }
+    assert said["a"]["uncertainty_distribution"] == "t"
+    assert said["a"]["uncertainty_degrees_of_freedom"] == 9.0
+    assert said["c"] == {}

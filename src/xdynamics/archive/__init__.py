@@ -8,7 +8,13 @@ from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
     from xdynamics.archive.content import content_digest
-    from xdynamics.archive.integrity import check_unchanged, digest_of_run, selected_like
+    from xdynamics.archive.integrity import (
+        check_states,
+        check_unchanged,
+        digest_of_run,
+        selected_like,
+        with_units_that_hold,
+    )
     from xdynamics.archive.origin import evaluated, marched
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.segments import clear_rest, discard, has_segments
@@ -22,6 +28,7 @@ _ROOMS = {
     "check_source": "source",
     "clear_rest": "segments",
     "check_archive": "stores",
+    "check_states": "integrity",
     "check_target": "stores",
     "check_unchanged": "integrity",
     "content_digest": "content",
@@ -36,11 +43,13 @@ _ROOMS = {
     "selected_like": "integrity",
     "stream": "streaming",
     "verify": "reading",
+    "with_units_that_hold": "integrity",
 }
 
 __all__ = [
     "check_archive",
     "check_source",
+    "check_states",
     "check_target",
     "check_unchanged",
     "clear_rest",
@@ -56,6 +65,7 @@ __all__ = [
     "selected_like",
     "stream",
     "verify",
+    "with_units_that_hold",
 ]
 
 __getattr__ = entrance(__name__, _ROOMS)

@@ -17,13 +17,26 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.record import check_elements, own_attributes, plain
 from xdynamics.record.laziness import is_chunked
 from xdynamics.record.partial_records import is_selection
+from xdynamics.record.schemas import replaced
 from xdynamics.record.unfolding import as_recorded
-from xdynamics.schema import ATOL_RULE, LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
+from xdynamics.schema import (
+    ATOL_RULE,
+    LEFT_OUT_ATOL,
+    OF_MOTION,
+    ORIGIN,
+    ROOT_DIGEST,
+    SELECTION,
+    SELECTION_OF,
+    STEP_NUMBER,
+    STEPS,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
 
 MOST_NAMED = 10
+UNKNOWN_UNIT = "unknown unit"  # as `units` of what was edited
+MOTION = ("time", *OF_MOTION, "acceleration")  # roles of what states between rows are computed from
 UNKNOWN = f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{ORIGIN}' is lost"
 
 
@@ -113,6 +126,85 @@ def check_unchanged(run: xr.Dataset) -> None:
         raise InputError(f"this is not the record that was marched:{numbered(result.faults)}", result.faults)
     if result.selected:
         raise InputError(f"this is a part of a run, {result.selected}; take the whole one")
+
+
+def edited_variables(run: xr.Dataset) -> list[str]:
+    """Name the variables whose values are not those that were marched or read, though they keep their unit.
+
+    xarray keeps attributes through arithmetic: ``run.assign(y=run.y / 1000)`` calls kilometres metres. Rows that are
+    left out or stand in another order are no edit. Dask arrays are not computed, and of a record without its origin
+    nothing is known: neither is named.
+    """
+    run = as_recorded(run)
+    origin = run.attrs.get(ORIGIN)
+    if not isinstance(origin, Origin):
+        return []
+    return [str(name) for name, variable in run.variables.items() if _is_edited(str(name), variable, run, origin)]
+
+
+def _is_edited(name: str, now: xr.Variable, run: xr.Dataset, origin: Origin) -> bool:
+    part, data = origin.parts.get(name), now._data  # noqa: SLF001 - what is not read yet was not edited
+    if part is None or not isinstance(data, np.ndarray) or data is part.held:
+        return False
+    if {**part.attributes}.get("units") != now.attrs.get("units") or not now.dims or tuple(now.dims) != part.dims:
+        return False  # it says itself what it is; or is a number of its own, like a mean
+    if now.shape[1:] != part.shape[1:]:
+        return False  # elements were left out, which `check_cut` refuses
+    if now.shape == part.shape:
+        if part.variable is not None and data is part.variable._data:  # noqa: SLF001
+            return False
+        if digest_of(name, now) == part.digest:
+            return False
+    whole = origin.whole()
+    if whole is None or name not in whole.variables:
+        return now.shape == part.shape
+    then = whole.variables[name]
+    mine, theirs = (_joined([_in_any_order(each)]) for each in (now, then))
+    numbers = STEP_NUMBER.name
+    if now.dims[0] == STEPS and numbers in run.variables and numbers in whole.variables:
+        kept = np.searchsorted(whole.variables[numbers].values, run.variables[numbers].values)
+        return len(theirs) == 0 or mine.dtype != theirs.dtype or bool((mine != theirs[kept % len(theirs)]).any())
+    return not {*mine.tolist()} <= {*theirs.tolist()}
+
+
+def _in_any_order(variable: xr.Variable) -> xr.Variable:
+    """Return a variable whose elements stand by their size in each row: another order of bodies is no edit."""
+    rows, *inner = variable.shape
+    if not inner or variable.dtype.kind != "f":
+        return variable
+    values = np.sort(np.asarray(variable.values).reshape(rows, -1), axis=1) + 0.0  # a negative zero is a zero
+    return variable.copy(data=values.reshape(variable.shape))
+
+
+def with_units_that_hold(run: xr.Dataset) -> xr.Dataset:
+    """Return a record whose edited variables have an unknown unit in the place of the one that xarray kept for them."""
+    if not (edited := edited_variables(run)):
+        return run
+    changed = {name: run.variables[name].copy(deep=False) for name in edited if name in run.variables}
+    for variable in changed.values():
+        variable.attrs["units"] = UNKNOWN_UNIT
+    return replaced(run, changed)
+
+
+def check_states(run: xr.Dataset) -> None:
+    """Refuse a run whose motion was edited: states between its rows would follow neither its model nor the edit.
+
+    Raises
+    ------
+    InputError
+        Naming the variables.
+    """
+    edited = [
+        name
+        for name in edited_variables(run)
+        if name in run.variables and run.variables[name].attrs.get("role") in MOTION
+    ]
+    if edited:
+        raise InputError(
+            f"{', '.join(edited)}: edited since the run was marched, so that states between rows would follow neither"
+            " the model nor the edit; ask the run as it was and change what it answers, or draw the edit by"
+            f' run.{edited[0]}.plot(x="time")'
+        )
 
 
 def check_cut(run: xr.Dataset) -> None:

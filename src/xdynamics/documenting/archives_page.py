@@ -45,6 +45,22 @@ before and after it.
   and interp_like are refused: xarray would give the rows as they were, without a word.
   time has no index: with one, xarray aligns records by it and refuses a.y - b.y and
   xr.concat([a, b], "run") of runs that have equally many rows at other times.
+Pictures. xarray draws against rows; name the time:
+  run.y.plot(x="time"), run.y.hvplot(x="time"), hv.Curve((run.time, run.y))
+  xarray keeps attributes through arithmetic: (run.y/1000).plot(x="time") is still labelled m. Units
+  are right by run.pint.quantify() (pint-xarray), or .assign_attrs(units="km"). Our own verbs
+  compare with what was marched: run.assign(y=run.y/1000) is refused by plot, sample and diagnose,
+  and in a summary, frame, events or a tree what was edited has the units `unknown unit`.
+What xarray refuses of a run, and what to write:
+  run.max(), run.min()              `zero-size array to reduction operation maximum which has no
+                                    identity`, where no trial was rejected: run.max("step")
+  run.resample(time="1s")           `Only valid with DatetimeIndex, TimedeltaIndex or PeriodIndex`:
+                                    run.dynamics.at("0:2:21 s")
+  xr.merge([a, b])                  `cannot reindex or align along dimension 'step'`, of runs with
+                                    other rows: xd.compare(a, b), or both sampled at common times
+  run.to_dataframe()                a row for each combination of all dimensions:
+                                    run.dynamics.frame("event"), run.y.to_dataframe(), or a node of
+                                    run.dynamics.tree()
 Many files. Runs with as many rows, events and force evaluations are put together by xarray alone,
 as are catalogues of sweeps that keep quantities at times:
   nested = dict(engine="xdynamics", combine="nested", concat_dim="run", coords="different",

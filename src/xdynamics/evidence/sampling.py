@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
+from xdynamics import archive, record
 from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
@@ -78,7 +78,7 @@ def sample(
     Raises
     ------
     InputError
-        If a time lies outside the run or is not a number, or the Dataset is not a run record.
+        If a time lies outside the run or is not a number, the Dataset is not a run record, or was edited.
 
     Notes
     -----
@@ -97,6 +97,7 @@ def sample(
     True
     """
     check_dataset(run)
+    archive.check_states(run)
     if rule not in RULES:
         raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
     if side not in SIDES:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics.archive import check_states
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.faults import InputError
 from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn, written
@@ -77,6 +78,7 @@ def animate(
         If the run has neither, or the film cannot be written.
     """
     check_dataset(run)
+    check_states(run)
     if "time" in run.variables and not run.variables["time"].size:
         raise InputError("there is nothing to draw: the record has no rows")
     target, scene = placed(path) if path is not None else None, scene_of(run.copy(deep=False), trail)

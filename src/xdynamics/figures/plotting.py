@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive import check_states, with_units_that_hold
 from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
@@ -102,7 +103,7 @@ def plot(
         [beside] if isinstance(beside, GIVEN) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]
     )
     given, others, names = _first_of(record, others)
-    given, *others = [unfold(each) if model_dimensions(each) else each for each in (given, *others)]
+    given, *others = [_as_drawn(each) if hasattr(each, "attrs") else each for each in (given, *others)]
     given = _computed(given, wanted)
     if hasattr(given, "attrs"):
         kind = str(given.attrs.get(EVIDENCE, ""))
@@ -139,6 +140,14 @@ def plot(
         if path is not None:
             write(figure, placed(path), dpi)
     return figure
+
+
+def _as_drawn(record: xr.Dataset) -> xr.Dataset:
+    """Return a record by its elements, without units that edits made wrong; a run whose motion was edited is refused."""
+    if not record.attrs.get(EVIDENCE):
+        check_states(record)
+    record = with_units_that_hold(record)
+    return unfold(record) if model_dimensions(record) else record
 
 
 def _left_out(page: Any, transient: int | str) -> dict[str, Any]:

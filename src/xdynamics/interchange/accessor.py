@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive import digest_of_run
+from xdynamics.archive import digest_of_run, with_units_that_hold
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
@@ -86,7 +86,7 @@ class Dynamics:
             If the run has no such event.
         """
         check_kind(self._run)
-        run, names = self._run, self._names()
+        run, names = with_units_that_hold(self._run), self._names()
         event_names = (
             str(run["event_detector"].attrs.get("flag_meanings", "")).split() if "event_detector" in run else []
         )
@@ -110,7 +110,7 @@ class Dynamics:
             states = states_on_side(run, side, rows_of_events(run, side, rows), OF_STATES)
             variables |= {word: (own.dims, own.data, own.attrs) for word, own in states.items() if own.ndim == 1}
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
-        return self._in_kind(exhibit("events", title, [digest_of_run(run)], variables, {}))
+        return self._in_kind(exhibit("events", title, [digest_of_run(self._run)], variables, {}))
 
     def frame(self, dim: str = STEPS) -> pd.DataFrame:
         """Return everything along one dimension as a pandas table, one row for each entry; flags as their words.
@@ -131,7 +131,7 @@ class Dynamics:
         """
         import pandas as pd
 
-        run = self._run
+        run = with_units_that_hold(self._run)
         dimensions = [str(item) for item in run.dims if str(item) != BOUNDS]
         if dim not in dimensions:
             raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")

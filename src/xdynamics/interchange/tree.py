@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics.archive import with_units_that_hold
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
@@ -43,6 +44,7 @@ def tree(run: xr.Dataset) -> xr.DataTree:
     import xarray as xr
 
     check_single(run)
+    run = with_units_that_hold(run)
     own: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
     root = {}
     for name, variable in run.variables.items():

@@ -21,9 +21,7 @@ def parameters(model: Model) -> list[tuple[Variable, Any]]:
             dims = model.shapes.dims[name]
             entries.append((Variable(name, dims, "f8", unit, long_name, "parameter", {}), parameter.values))
             continue
-        extra: dict[str, Any] = {}
-        if parameter.spread is not None:
-            extra["uncertainty"] = parameter.uncertainty
+        extra = uncertainty_attributes(parameter)
         long_name = parameter.description or f"parameter {name}"
         entries.append(
             (
@@ -32,6 +30,28 @@ def parameters(model: Model) -> list[tuple[Variable, Any]]:
             )
         )
     return folded_constants(entries, model.shapes)
+
+
+def uncertainty_attributes(parameter: Parameter) -> dict[str, Any]:
+    """Return what says how uncertain a parameter is: its standard uncertainty in a unit, and its distribution.
+
+    The half width between bounds is there where the model states it.
+    """
+    spread = parameter.spread
+    if spread is None:
+        return {}
+    unit = parameter.quantity.unit
+    said: dict[str, Any] = {
+        "uncertainty": parameter.uncertainty,
+        "uncertainty_kind": "standard",
+        "uncertainty_units": unit.text,
+        "uncertainty_distribution": spread.distribution,
+    }
+    if spread.bounded:
+        said["uncertainty_half_width"] = float(spread.size.unit.factor / unit.factor) * spread.size.value
+    if spread.degrees_of_freedom is not None:
+        said["uncertainty_degrees_of_freedom"] = spread.degrees_of_freedom
+    return said
 
 
 def _parted(parameters: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter | ParameterNumbers]]:
