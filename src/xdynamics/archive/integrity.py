@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.content import content_digest
-from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, digest_of
+from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, Source, digest_of
 from xdynamics.archive.seals import letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import check_elements, own_attributes, plain
@@ -128,21 +129,23 @@ def check_unchanged(run: xr.Dataset) -> None:
         raise InputError(f"this is a part of a run, {result.selected}; take the whole one")
 
 
-def edited_variables(run: xr.Dataset) -> list[str]:
+def edited_variables(run: xr.Dataset, roles: Container[Any] | None = None) -> list[str]:
     """Name the variables whose values are not those that were marched or read, though they keep their unit.
 
     xarray keeps attributes through arithmetic: ``run.assign(y=run.y / 1000)`` calls kilometres metres. Rows that are
     left out or stand in another order are no edit. Dask arrays are not computed, and of a record without its origin
-    nothing is known: neither is named.
+    nothing is known: neither is named. Of all variables, or of some roles.
     """
     run = as_recorded(run)
     origin = run.attrs.get(ORIGIN)
     if not isinstance(origin, Origin):
         return []
-    return [str(name) for name, variable in run.variables.items() if _is_edited(str(name), variable, run, origin)]
+    whole = cache(origin.whole)  # of an archive: opened once, and only where values have to be compared
+    asked = {str(name): own for name, own in run.variables.items() if roles is None or own.attrs.get("role") in roles}
+    return [name for name, variable in asked.items() if _is_edited(name, variable, run, origin, whole)]
 
 
-def _is_edited(name: str, now: xr.Variable, run: xr.Dataset, origin: Origin) -> bool:
+def _is_edited(name: str, now: xr.Variable, run: xr.Dataset, origin: Origin, original: Source) -> bool:
     part, data = origin.parts.get(name), now._data  # noqa: SLF001 - what is not read yet was not edited
     if part is None or not isinstance(data, np.ndarray) or data is part.held:
         return False
@@ -155,7 +158,7 @@ def _is_edited(name: str, now: xr.Variable, run: xr.Dataset, origin: Origin) -> 
             return False
         if digest_of(name, now) == part.digest:
             return False
-    whole = origin.whole()
+    whole = original()
     if whole is None or name not in whole.variables:
         return now.shape == part.shape
     then = whole.variables[name]
@@ -194,12 +197,7 @@ def check_states(run: xr.Dataset) -> None:
     InputError
         Naming the variables.
     """
-    edited = [
-        name
-        for name in edited_variables(run)
-        if name in run.variables and run.variables[name].attrs.get("role") in MOTION
-    ]
-    if edited:
+    if edited := edited_variables(run, MOTION):
         raise InputError(
             f"{', '.join(edited)}: edited since the run was marched, so that states between rows would follow neither"
             " the model nor the edit; ask the run as it was and change what it answers, or draw the edit by"
