@@ -13,7 +13,7 @@ if TYPE_CHECKING:
         check_unchanged,
         digest_of_run,
         selected_like,
-        with_units_that_hold,
+        without_stale_units,
     )
     from xdynamics.archive.origin import evaluated, marched
     from xdynamics.archive.reading import open_run, verify
@@ -43,7 +43,7 @@ _ROOMS = {
     "selected_like": "integrity",
     "stream": "streaming",
     "verify": "reading",
-    "with_units_that_hold": "integrity",
+    "without_stale_units": "integrity",
 }
 
 __all__ = [
@@ -65,7 +65,7 @@ __all__ = [
     "selected_like",
     "stream",
     "verify",
-    "with_units_that_hold",
+    "without_stale_units",
 ]
 
 __getattr__ = entrance(__name__, _ROOMS)

@@ -22,14 +22,15 @@ from xdynamics.record.schemas import replaced
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
     ATOL_RULE,
+    KINEMATIC,
     LEFT_OUT_ATOL,
-    OF_MOTION,
     ORIGIN,
     ROOT_DIGEST,
     SELECTION,
     SELECTION_OF,
     STEP_NUMBER,
     STEPS,
+    label_of,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
 MOST_NAMED = 10
 UNKNOWN_UNIT = "unknown unit"  # as `units` of what was edited
-MOTION = ("time", *OF_MOTION, "acceleration")  # roles of what states between rows are computed from
 UNKNOWN = f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{ORIGIN}' is lost"
 
 
@@ -130,60 +130,72 @@ def check_unchanged(run: xr.Dataset) -> None:
 
 
 def edited_variables(run: xr.Dataset, roles: Container[Any] | None = None) -> list[str]:
-    """Name the variables whose values are not those that were marched or read, though they keep their unit.
+    """Name the numbers that are not those that were marched or read, though they keep the unit of these.
 
-    xarray keeps attributes through arithmetic: ``run.assign(y=run.y / 1000)`` calls kilometres metres. Rows that are
-    left out or stand in another order are no edit. Dask arrays are not computed, and of a record without its origin
-    nothing is known: neither is named. Of all variables, or of some roles.
+    xarray keeps attributes through arithmetic: ``run.assign(y=run.y / 1000)`` calls kilometres metres. Rows and labelled
+    elements that are left out or stand in another order are no edit, and neither is a value with a unit of its own. Dask
+    arrays are not computed, and of a record without its origin nothing is known: neither is named.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    roles : container of str, optional
+        The roles of the variables that are compared; by default all.
     """
     run = as_recorded(run)
     origin = run.attrs.get(ORIGIN)
     if not isinstance(origin, Origin):
         return []
-    whole = cache(origin.whole)  # of an archive: opened once, and only where values have to be compared
-    asked = {str(name): own for name, own in run.variables.items() if roles is None or own.attrs.get("role") in roles}
-    return [name for name, variable in asked.items() if _is_edited(name, variable, run, origin, whole)]
+    original = cache(origin.whole)  # an archive is opened once, and only where values have to be compared
+    compared = {
+        str(name): variable
+        for name, variable in run.variables.items()
+        if name in origin.parts and (roles is None or variable.attrs.get("role") in roles)
+    }
+    return [name for name, own in compared.items() if _is_edited(origin.parts[name], own, run, original)]
 
 
-def _is_edited(name: str, now: xr.Variable, run: xr.Dataset, origin: Origin, original: Source) -> bool:
-    part, data = origin.parts.get(name), now._data  # noqa: SLF001 - what is not read yet was not edited
-    if part is None or not isinstance(data, np.ndarray) or data is part.held:
+def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, original: Source) -> bool:
+    in_memory = isinstance(now._data, np.ndarray)  # noqa: SLF001 - `.data` would read what is not read, and so not edited
+    unit = now.attrs.get("units")
+    if not in_memory or now.dtype.kind != "f" or unit is None or unit != part.attributes.get("units"):
         return False
-    if {**part.attributes}.get("units") != now.attrs.get("units") or not now.dims or tuple(now.dims) != part.dims:
-        return False  # it says itself what it is; or is a number of its own, like a mean
-    if now.shape[1:] != part.shape[1:]:
-        return False  # elements were left out, which `check_cut` refuses
-    if now.shape == part.shape:
-        if part.variable is not None and data is part.variable._data:  # noqa: SLF001
-            return False
-        if digest_of(name, now) == part.digest:
-            return False
+    if {*now.dims} != {*part.dims}:  # a number of its own, like a mean
+        return False
+    if now.dims != part.dims:
+        now = now.transpose(*part.dims)
+    if now.shape == part.shape and _is_kept(part, now):
+        return False
     whole = original()
-    if whole is None or name not in whole.variables:
+    if whole is None or not now.dims:
         return now.shape == part.shape
-    then = whole.variables[name]
-    mine, theirs = (_joined([_in_any_order(each)]) for each in (now, then))
-    numbers = STEP_NUMBER.name
-    if now.dims[0] == STEPS and numbers in run.variables and numbers in whole.variables:
-        kept = np.searchsorted(whole.variables[numbers].values, run.variables[numbers].values)
-        return len(theirs) == 0 or mine.dtype != theirs.dtype or bool((mine != theirs[kept % len(theirs)]).any())
+    places: dict[Any, NDArray[np.int64]] = {
+        dim: own for dim in now.dims if (own := _places(str(dim), run, whole)) is not None
+    }
+    then = whole.variables[part.name].isel(places)
+    if then.shape[1:] != now.shape[1:]:
+        return False  # elements were left out, which `check_cut` refuses
+    mine, theirs = _joined([now]), _joined([then])
+    if mine.dtype != theirs.dtype or any((own < 0).any() for own in places.values()):
+        return True
+    if now.dims[0] in places:
+        return bool((mine != theirs).any())
     return not {*mine.tolist()} <= {*theirs.tolist()}
 
 
-def _in_any_order(variable: xr.Variable) -> xr.Variable:
-    """Return a variable whose elements stand by their size in each row: another order of bodies is no edit."""
-    rows, *inner = variable.shape
-    if not inner or variable.dtype.kind != "f":
-        return variable
-    values = np.sort(np.asarray(variable.values).reshape(rows, -1), axis=1) + 0.0  # a negative zero is a zero
-    return variable.copy(data=values.reshape(variable.shape))
+def _places(dim: str, run: xr.Dataset, whole: xr.Dataset) -> NDArray[np.int64] | None:
+    """Return where the rows or elements of a record are in the whole run, by number or label; None where nothing names them."""
+    name = STEP_NUMBER.name if dim == STEPS else label_of(dim)
+    if name not in run.variables or name not in whole.variables:
+        return None
+    theirs, mine = (np.atleast_1d(each.variables[name].values).tolist() for each in (whole, run))
+    numbers = {label: number for number, label in enumerate(theirs)}
+    return np.array([numbers.get(label, -1) for label in mine], np.int64)
 
 
-def with_units_that_hold(run: xr.Dataset) -> xr.Dataset:
-    """Return a record whose edited variables have an unknown unit in the place of the one that xarray kept for them."""
-    if not (edited := edited_variables(run)):
-        return run
-    changed = {name: run.variables[name].copy(deep=False) for name in edited if name in run.variables}
+def without_stale_units(run: xr.Dataset) -> xr.Dataset:
+    """Return a record in which edited variables have an unknown unit in the place of the one that xarray kept for them."""
+    changed = {name: run.variables[name].copy(deep=False) for name in edited_variables(run) if name in run.variables}
     for variable in changed.values():
         variable.attrs["units"] = UNKNOWN_UNIT
     return replaced(run, changed)
@@ -197,7 +209,7 @@ def check_states(run: xr.Dataset) -> None:
     InputError
         Naming the variables.
     """
-    if edited := edited_variables(run, MOTION):
+    if edited := edited_variables(run, ("time", *KINEMATIC)):
         raise InputError(
             f"{', '.join(edited)}: edited since the run was marched, so that states between rows would follow neither"
             " the model nor the edit; ask the run as it was and change what it answers, or draw the edit by"
@@ -241,15 +253,25 @@ def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> 
             yield f"attribute '{name}'{whose} is {_short(after[name])}, in the run {_short(before[name])}"
 
 
+def _is_array_of(part: OriginalVariable, now: xr.Variable) -> bool:
+    return part.variable is not None and now.data is part.variable.data
+
+
+def _is_kept(part: OriginalVariable, now: xr.Variable) -> bool:
+    """Whether a variable has the values that were marched or read: the same array, or one of the same digest."""
+    if _is_array_of(part, now):
+        return not (isinstance(now.data, np.ndarray) and now.data.flags.writeable)  # read-only since it was marched
+    if part.held is not None and now._data is part.held:  # noqa: SLF001 - as it was opened, read or not
+        return True
+    return (part.unchanged is not None and part.unchanged(now)) or digest_of(part.name, now) == part.digest
+
+
 def _values(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterator[str]:
     """Compare a variable of the same shape, and name the first value that differs."""
-    if part.variable is not None and now.data is part.variable.data:
-        if isinstance(now.data, np.ndarray) and now.data.flags.writeable:  # read-only since it was marched
-            yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
+    if _is_kept(part, now):
         return
-    if part.held is not None and now._data is part.held:  # noqa: SLF001 - as it was opened, read or not
-        return
-    if (part.unchanged is not None and part.unchanged(now)) or digest_of(part.name, now) == part.digest:
+    if _is_array_of(part, now):
+        yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
         return
     whole = origin.whole()
     then = None if whole is None else whole.variables.get(part.name)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.archive import with_units_that_hold
+from xdynamics.archive import without_stale_units
 from xdynamics.documenting.drag import works_of_drag
 from xdynamics.documenting.remarks import at_rest, halves, kinks_of_tables, pace
 from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
@@ -58,7 +58,7 @@ def summary(run: xr.Dataset) -> list[str]:
 
     A selection lacks the rows that its events name; the outcome given is that of its run.
     """
-    lines: list[str] = _lines_of(first_elements(with_units_that_hold(run)))
+    lines: list[str] = _lines_of(first_elements(without_stale_units(run)))
     return lines
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive import check_states, with_units_that_hold
+from xdynamics.archive import check_states, without_stale_units
 from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
@@ -146,7 +146,7 @@ def _as_drawn(record: xr.Dataset) -> xr.Dataset:
     """Return a record by its elements, without units that edits made wrong; a run whose motion was edited is refused."""
     if not record.attrs.get(EVIDENCE):
         check_states(record)
-    record = with_units_that_hold(record)
+    record = without_stale_units(record)
     return unfold(record) if model_dimensions(record) else record
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive import digest_of_run, with_units_that_hold
+from xdynamics.archive import digest_of_run, without_stale_units
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
@@ -20,7 +20,7 @@ from xdynamics.record.flag_words import words_of
 from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record.variable_attributes import without_bounds
-from xdynamics.schema import BOUNDS, EVENT_BOUNDS, EVENTS, OF_MOTION, STEPS
+from xdynamics.schema import BOUNDS, EVENT_BOUNDS, EVENTS, KINEMATIC, STEPS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 teach()  # whoever imported pint-xarray too
 show_pages()
 show_time_notes()
-
-OF_STATES = (*OF_MOTION, "acceleration")
 
 
 class Dynamics:
@@ -86,7 +84,7 @@ class Dynamics:
             If the run has no such event.
         """
         check_kind(self._run)
-        run, names = with_units_that_hold(self._run), self._names()
+        run, names = without_stale_units(self._run), self._names()
         event_names = (
             str(run["event_detector"].attrs.get("flag_meanings", "")).split() if "event_detector" in run else []
         )
@@ -107,7 +105,7 @@ class Dynamics:
             for variable in ("event_time", *wanted)
         }
         for side in ("before", "after"):
-            states = states_on_side(run, side, rows_of_events(run, side, rows), OF_STATES)
+            states = states_on_side(run, side, rows_of_events(run, side, rows), KINEMATIC)
             variables |= {word: (own.dims, own.data, own.attrs) for word, own in states.items() if own.ndim == 1}
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
         return self._in_kind(exhibit("events", title, [digest_of_run(self._run)], variables, {}))
@@ -131,7 +129,7 @@ class Dynamics:
         """
         import pandas as pd
 
-        run = with_units_that_hold(self._run)
+        run = without_stale_units(self._run)
         dimensions = [str(item) for item in run.dims if str(item) != BOUNDS]
         if dim not in dimensions:
             raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive import with_units_that_hold
+from xdynamics.archive import without_stale_units
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
 from xdynamics.record.variable_attributes import without_bounds
-from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, OF_MOTION, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, KINEMATIC, SAMPLES, STEPS, TRIALS
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # the node of each dimension of a record, and what its events are shown with on either side
 NODES = {STEPS: "steps", TRIALS: "trials", EVENTS: "events", SAMPLES: "samples", CLOSED_LINKS: "closed"}
-ON_SIDES = (*OF_MOTION, "acceleration", "energy", "observable")
+ON_SIDES = (*KINEMATIC, "energy", "observable")
 ENDS = ("lower", "upper")
 
 
@@ -44,7 +44,7 @@ def tree(run: xr.Dataset) -> xr.DataTree:
     import xarray as xr
 
     check_single(run)
-    run = with_units_that_hold(run)
+    run = without_stale_units(run)
     own: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
     root = {}
     for name, variable in run.variables.items():

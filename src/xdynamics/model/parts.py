@@ -51,10 +51,15 @@ class Parameter:
     @property
     def uncertainty(self) -> float:
         """The standard uncertainty in the value's own unit; 0 if none is known."""
-        if self.spread is None:
-            return 0.0
-        standard = self.spread.standard
-        return float(standard.unit.factor / self.quantity.unit.factor) * standard.value
+        return 0.0 if self.spread is None else self._in_own_unit(self.spread.standard)
+
+    @property
+    def half_width(self) -> float | None:
+        """Half the width between the bounds in the value's own unit; None where the model states no bounds."""
+        return self._in_own_unit(self.spread.size) if self.spread is not None and self.spread.bounded else None
+
+    def _in_own_unit(self, size: Quantity) -> float:
+        return float(size.unit.factor / self.quantity.unit.factor) * size.value
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ from xdynamics.schema import (
     LABEL,
     LEFT_OUT_ATOL,
     NUMBERS,
+    OF_ELEMENTS,
     ORIGIN,
     PAIRS,
     REQUIRED_ATTRIBUTES,
@@ -173,7 +174,7 @@ def _variable(
     )
     yield from (
         f"has the attribute {word} = {_short(attributes[word])}, needs a number"
-        for word in ("uncertainty", "atol", "atol_si")
+        for word in OF_ELEMENTS
         if word in attributes and not _is_number(attributes[word]) and np.shape(attributes[word]) != (prod(inner),)
     )
     yield from (f": {fault}" for fault in unkeepable(attributes))

@@ -21,7 +21,7 @@ def parameters(model: Model) -> list[tuple[Variable, Any]]:
             dims = model.shapes.dims[name]
             entries.append((Variable(name, dims, "f8", unit, long_name, "parameter", {}), parameter.values))
             continue
-        extra = uncertainty_attributes(parameter)
+        extra = _uncertainty(parameter)
         long_name = parameter.description or f"parameter {name}"
         entries.append(
             (
@@ -32,26 +32,20 @@ def parameters(model: Model) -> list[tuple[Variable, Any]]:
     return folded_constants(entries, model.shapes)
 
 
-def uncertainty_attributes(parameter: Parameter) -> dict[str, Any]:
-    """Return what says how uncertain a parameter is: its standard uncertainty in a unit, and its distribution.
-
-    The half width between bounds is there where the model states it.
-    """
+def _uncertainty(parameter: Parameter) -> dict[str, Any]:
+    """Return the attributes that say how uncertain a parameter is, in its own unit, and by which distribution."""
     spread = parameter.spread
     if spread is None:
         return {}
-    unit = parameter.quantity.unit
-    said: dict[str, Any] = {
+    attributes = {
         "uncertainty": parameter.uncertainty,
         "uncertainty_kind": "standard",
-        "uncertainty_units": unit.text,
+        "uncertainty_units": parameter.quantity.unit.text,
         "uncertainty_distribution": spread.distribution,
+        "uncertainty_half_width": parameter.half_width,
+        "uncertainty_degrees_of_freedom": spread.degrees_of_freedom,
     }
-    if spread.bounded:
-        said["uncertainty_half_width"] = float(spread.size.unit.factor / unit.factor) * spread.size.value
-    if spread.degrees_of_freedom is not None:
-        said["uncertainty_degrees_of_freedom"] = spread.degrees_of_freedom
-    return said
+    return {name: value for name, value in attributes.items() if value is not None}
 
 
 def _parted(parameters: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter | ParameterNumbers]]:
