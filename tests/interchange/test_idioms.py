@@ -302,3 +302,62 @@ def test_what_is_not_edited_keeps_its_unit(run: xr.Dataset, path: Path, change: 
     changed = UNEDITED[change](WAYS[way](run, path))
     assert edited_variables(changed) == []
     assert without_stale_units(changed) is changed
+
+
+@pytest.mark.parametrize("name", ["event_time", "step_size"])
+def test_an_edit_of_what_every_run_has_is_called_one(run: xr.Dataset, name: str) -> None:
+    """Assert that a figure says of a time whose unit is lost that it was edited, not that its unit is another."""
+    with pytest.raises(
+        xd.InputError, match=f"'{name}' was edited since the run was marched, so that its unit is not known"
+    ):
+        run.assign({name: run[name] * 1000}).dynamics.plot()
+
+
+def test_a_parameter_and_an_array_opened_to_writing_are_edited() -> None:
+    """Assert that numbers without a dimension are compared, and that what could have been written over is not trusted."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=0.1)
+    assert edited_variables(run.assign_coords(m=run.m / 1000)) == ["m"]
+    run.y.values.flags.writeable = True
+    run.y.values[:] *= 2.0
+    assert edited_variables(run) == ["y"]
+    with pytest.raises(xd.InputError, match="y: edited since the run was marched"):
+        run.dynamics.at(0.05)
+
+
+LABELLED = """
+name = "two masses"
+dimensions.body = ["left", "right"]
+coordinates.x = { unit = "m", dims = ["body"] }
+parameters = { m = { value = [1, 2], unit = "kg", dims = ["body"] }, k = "3 N m-1" }
+mass.x = "m"
+forces.spring.x = "-k*x"
+initial = { x = { value = [1, 2], unit = "m" }, v_x = "0*metre/second" }
+"""
+
+
+def test_elements_are_found_by_their_labels() -> None:
+    """Assert that bodies in another order are no edit, and that values which changed places among them are one."""
+    run = xd.simulate(xd.Model.from_text(LABELLED), method="rk4", step="0.1 s", until="1 s")
+    assert edited_variables(run.isel(body=[1, 0])) == []
+    assert edited_variables(run.transpose("body", ...)) == []
+    assert edited_variables(run.isel(body=[1, 0], step=slice(4, 7))) == []
+    exchanged = run.assign(x=run.x.copy(data=run.x.values[:, ::-1]))
+    assert edited_variables(exchanged) == ["x"]
+    assert edited_variables(exchanged.isel(step=slice(4, 7))) == ["x"]
+
+
+def test_figures_of_edited_numbers_have_no_unit_for_them() -> None:
+    """Assert axes of a refinement, of a sweep and of energies, whose other numbers keep theirs."""
+    model = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    study = xd.refine(model, steps=[0.02, 0.01, 0.005], until=0.4)
+    axes = xd.plot(study.assign(difference_y=study.difference_y * 1000)).axes[0]
+    assert axes.get_ylabel() == "|difference| (unknown unit)"
+    assert axes.get_title(loc="left").endswith(" m")
+    sweep = xd.sweep(model, {"g": "9:10:3 m s-2"}, until=0.4, keep=["end"]).compute()
+    labels = [axes.get_ylabel() for axes in xd.plot(sweep.assign(end_y=sweep.end_y * 1000)).axes]
+    assert "end_y (unknown unit)" in labels
+    assert "end_v_y (m s⁻¹)" in labels
+    run = xd.simulate(model, until=2.0)
+    axes = xd.plot(run.assign(kinetic_energy=run.kinetic_energy / 1000), only="energy").axes[0]
+    assert axes.get_ylabel() == "energy (J)"
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["potential", "total"]

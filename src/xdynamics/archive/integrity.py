@@ -32,12 +32,12 @@ from xdynamics.schema import (
     STEPS,
     label_of,
 )
+from xdynamics.units import UNKNOWN_UNIT
 
 if TYPE_CHECKING:
     import xarray as xr
 
 MOST_NAMED = 10
-UNKNOWN_UNIT = "unknown unit"  # as `units` of what was edited
 UNKNOWN = f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{ORIGIN}' is lost"
 
 
@@ -166,6 +166,8 @@ def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, origin
         now = now.transpose(*part.dims)
     if now.shape == part.shape and _is_kept(part, now):
         return False
+    if _is_array_of(part, now):  # opened to writing: what was marched is no longer known
+        return True
     whole = original()
     if whole is None or not now.dims:
         return now.shape == part.shape

@@ -53,7 +53,7 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     label_time(axes, run["time"])
     kept = is_at_rounding(run)
     if (is_exchanged(run) or kept) and not others:
-        names = [name for name in ENERGIES if name in run]
+        names = [name for name in ENERGIES if name in run and run.variables[name].attrs["units"] == units]
         lines = {name: drawn(run, name) for name in names}
         sizes = [(float(np.abs(values).max()), float(np.ptp(values))) for _, (values,) in lines.values()]
         flat = STEADY * max(size for size, _ in sizes) > max(change for _, change in sizes) > 0.0

@@ -79,7 +79,8 @@ def _differences(records: Several, name: str, axes: Axes) -> None:
         varied = str(study.attrs["varied"])
         place = next((dim for dim in study[name].dims if dim != LEVEL), None)
         selection = {place: 0} if place else {}
-        change, units = np.abs(study[f"difference_{name}"].isel(selection).values), str(study[name].attrs["units"])
+        difference = study[f"difference_{name}"].isel(selection)
+        change, units = np.abs(difference.values), str(difference.attrs["units"])
         shown = change > 0.0
         if f"order_{name}" in study and study.sizes[LEVEL] > 2:
             order = float(study[f"order_{name}"].isel(selection)[-2])

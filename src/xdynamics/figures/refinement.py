@@ -189,17 +189,16 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
             slope = change[first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
             axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
     _scale(axes)
-    units = variable.attrs["units"]
     if number:
         log_steps(axes, steps)
         axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
     else:
         axes.set_xticks(steps, [words(str(level)) for level in varied.values])
-    axes.set(ylabel=words(f"|difference| ({units})"))
+    axes.set(ylabel=words(f"|difference| ({study[f'difference_{name}'].attrs['units']})"))
     first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place == AT else ""
     omitted = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
     axes.set_title(
-        words(f"{_called(study, name)}{first} = {_known(study, name)}{unit_suffix(units)}{omitted}"),
+        words(f"{_called(study, name)}{first} = {_known(study, name)}{unit_suffix(variable.attrs['units'])}{omitted}"),
         loc="left",
         fontsize=10,
     )
@@ -234,7 +233,7 @@ def _of_elements(study: xr.Dataset, names: list[str], axes: Axes) -> None:
     _scale(axes)
     log_steps(axes, steps)
     axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
-    axes.set(ylabel=words(f"|difference| ({study[names[0]].attrs['units']})"))
+    axes.set(ylabel=words(f"|difference| ({study[f'difference_{names[0]}'].attrs['units']})"))
     where = f" at {at_time(study[AT_TIME], float(study[AT_TIME][k]))}" if place == AT else ""
     counts = Counter(verdicts.values()).most_common()
     said = ", ".join(f"{count} {word}" for word, count in counts)

@@ -8,7 +8,7 @@ import numpy as np
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.sweeping.ensemble_analysis import numbers
-from xdynamics.units import TIME, Dimension, parse_unit
+from xdynamics.units import TIME, UNKNOWN_UNIT, Dimension, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +25,7 @@ def vanishing(sweep: xr.Dataset) -> list[str]:
     They are some spacings of what else has their dimension at most, be it recorded, an axis or a parameter, or of the way
     that a rate of theirs, or a rate of that, leads until the end.
     """
-    sizes = {name: _size(sweep, name) for name in numbers(sweep)}
+    sizes = {name: _size(sweep, name) for name in numbers(sweep) if _has_unit(sweep.variables[name])}
     span = sizes[END_TIME][0] if END_TIME in sizes else 0.0
     given = {
         name: _size(sweep, name) for name in map(str, sweep.variables) if name not in sizes and _is_given(sweep, name)
@@ -45,11 +45,12 @@ def _is_given(sweep: xr.Dataset, name: str) -> bool:
     """Whether a variable is an axis of numbers or a parameter."""
     variable = sweep.variables[name]
     is_axis = variable.dims == (name,)
-    return (
-        variable.dtype.kind == "f"
-        and "units" in variable.attrs
-        and (is_axis or variable.attrs.get("role") == PARAMETER)
-    )
+    return variable.dtype.kind == "f" and _has_unit(variable) and (is_axis or variable.attrs.get("role") == PARAMETER)
+
+
+def _has_unit(variable: xr.Variable) -> bool:
+    """Whether a variable has a unit, which values that were edited have no more."""
+    return bool(variable.attrs.get("units", UNKNOWN_UNIT) != UNKNOWN_UNIT)
 
 
 def _size(sweep: xr.Dataset, name: str) -> tuple[float, Dimension]:

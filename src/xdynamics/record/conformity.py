@@ -47,7 +47,7 @@ from xdynamics.schema import (
     STEPS,
     Variable,
 )
-from xdynamics.units import SECONDS
+from xdynamics.units import SECONDS, UNKNOWN_UNIT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -185,7 +185,10 @@ def _variable(
     timeless = (
         expected is not None and expected.units == SECONDS.text and attributes.get("units") == "1"
     )  # a model with dimensionless time
-    if expected and "units" in attributes and attributes["units"] != expected.units and not timeless:
+    if attributes.get("units") == UNKNOWN_UNIT:
+        if expected:
+            yield "was edited since the run was marched, so that its unit is not known"
+    elif expected and "units" in attributes and attributes["units"] != expected.units and not timeless:
         yield f"has units {_short(attributes['units'])}, needs '{expected.units}'"
     if role == "flag":
         yield from _words(attributes)

@@ -20,10 +20,10 @@ from xdynamics.units.reading import (
 )
 from xdynamics.units.scales import UNSCALED, Scales
 from xdynamics.units.spelling import coherent, spell
-from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Scale, Unit, unit_suffix
+from xdynamics.units.unit import NUMBERS, SECONDS, UNKNOWN_UNIT, Quantity, Scale, Unit, unit_suffix
 
 __all__ = [
-    "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
+    "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNKNOWN_UNIT", "UNSCALED", "Dimension", "Quantity",
     "Range", "Scale", "Scales", "Unit", "coherent", "constant", "constant_of", "is_number", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
     "spell", "time_in", "unit_suffix", "unit_text",
 ]  # fmt: skip

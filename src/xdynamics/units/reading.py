@@ -13,7 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME
 from xdynamics.units.names import LENGTHS_OF_VALUES, named
 from xdynamics.units.rounded import Rounded, exact_value, read
-from xdynamics.units.unit import Quantity, Scale, Unit
+from xdynamics.units.unit import UNKNOWN_UNIT, Quantity, Scale, Unit
 
 LONGEST_TEXT = 200
 LARGEST_EXPONENT = 16
@@ -89,6 +89,10 @@ def parse_unit(text: str) -> Unit:
     stripped = text.strip()
     if not stripped:
         raise InputError("unit is empty; a pure number has the unit '1'")
+    if stripped == UNKNOWN_UNIT:
+        raise InputError(
+            "the unit is unknown: the values were edited since they were marched; state it as their 'units'"
+        )
     if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH) or _LENGTH.fullmatch(stripped):
         kept = parse_scale(stripped).unit.text
         raise InputError(

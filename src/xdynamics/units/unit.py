@@ -142,6 +142,7 @@ class Quantity:
 
 SECONDS = Unit("s", TIME)
 NUMBERS = Unit("1", NONE)  # the unit of a time that has none
+UNKNOWN_UNIT = "unknown unit"  # in the place of a unit, where values were edited since they were marched
 
 
 def unit_suffix(unit: Unit | str) -> str:
