@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -166,6 +166,7 @@ BY_STEP_CONTROL = {
 }  # fmt: skip
 # of a record without all columns: which, and where they were chosen one by one, their names
 LOG, LOGGED, CHOSEN = "solver_log", "solver_log_variables", "chosen"
+SCHEMA_OF_LAW = "force_schema_version"  # of a part of an older record: in the words of which schema its law is
 ORDER_CHOICE = "solver_order_choice"  # of a method that has many orders: given, or by which rule
 SERIES_ARITHMETIC = "solver_series_arithmetic"  # of Taylor series: how their coefficients are rounded
 KEEP_EVERY = "solver_keep_every"  # of a record whose rows are not all that were marched
@@ -306,6 +307,14 @@ def is_coordinate(name: str, role: Any) -> bool:
     """Whether a variable of a run describes it, and is not among what it yields."""
     named = (*TIME_OF.values(), STEP_NUMBER.name, GIVEN_STEP.name, END_MEMORY.name, *TEXT_NAMES)
     return name in named or role in ("parameter", LABEL)
+
+
+def beside(added: Collection[str], name: str) -> str:
+    """Return what a model's quantity is called in a result that adds names: as in the model, or with a trailing ``_``.
+
+    New models have none of these names; those of schema 1 may.
+    """
+    return f"{name}_" if name in added else name
 
 
 def label_of(dim: str) -> str:

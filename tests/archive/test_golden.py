@@ -94,3 +94,80 @@ def test_a_record_of_schema_1_is_shown_in_the_words_of_today(tmp_path: Path) -> 
     assert part.step_number.values[0] == last
     assert part.dynamics.events().before_v_y.values.tolist() == [float(run.v_y[last])]
     assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1
+
+
+PARTS = GOLDEN / "0.2" / "parts_and_names"
+
+
+@pytest.mark.filterwarnings("ignore:.* is as it was written, and is a selection of run")
+@pytest.mark.parametrize("name", ["thinned_ball", "part_of_a_thinned_ball", "names_of_today", "dimension_of_today"])
+def test_parts_and_names_of_schema_1_are_reproduced(name: str, tmp_path: Path) -> None:
+    """Assert that each is verified, has the same digest when it is saved again, is repacked by xarray, and reproduced."""
+    path = PARTS / f"{name}.nc"
+    digest = verified(path)
+    run = xd.open_run(path)
+    xd.save(run, tmp_path / "again.nc")
+    assert verified(tmp_path / "again.nc") == digest
+    run.to_netcdf(tmp_path / "repacked.nc")
+    assert xd.verify(tmp_path / "repacked.nc").verdict.item() == "repacked"
+    assert xd.reproduce(path).attrs["identical"] == 1
+
+
+PICKED = {
+    "rows": {"step": slice(3, 9)},
+    "every other": {"step": slice(None, None, 2)},
+    "one row": {"step": [2]},
+    "one event": {"event": [0]},
+    "no event": {"event": slice(0)},
+}
+
+
+@pytest.mark.parametrize("part", PICKED)
+def test_a_part_of_a_thinned_run_of_schema_1_is_saved(part: str, tmp_path: Path) -> None:
+    """Assert that its rows keep their numbers in the whole march, events name them so, and it is reproduced."""
+    run = xd.open_run(PARTS / "thinned_ball.nc")
+    numbers, rows = run.step_number.values, run.event_row_before.values
+    assert (run.time.values[np.searchsorted(numbers, rows)] == run.event_time.values).all()
+    chosen = run.isel(PICKED[part])
+    xd.save(chosen, tmp_path / "part.nc")
+    opened = xd.open_run(tmp_path / "part.nc")
+    assert opened.attrs["schema_version"] == "2"
+    assert opened.step_number.values.tolist() == chosen.step_number.values.tolist()
+    assert opened.event_row_before.values.tolist() == chosen.event_row_before.values.tolist()
+    assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1
+
+
+def test_a_thinned_run_of_schema_1_is_edited_and_derived(tmp_path: Path) -> None:
+    """Assert that an edit of a part of it is found, and that data derived of the part name the rows that they have."""
+    run = xd.open_run(PARTS / "thinned_ball.nc").isel(step=slice(3, 9))
+    edited = run.assign(y=run.y * 2)
+    with pytest.raises(xd.InputError, match="row 0 of 'step', with .* is none of the run's rows"):
+        xd.save(edited, tmp_path / "run.nc")
+    with pytest.raises(xd.InputError, match="y: edited since the run was marched"):
+        edited.dynamics.at(float(run.time[2]))
+    xd.save(edited, tmp_path / "derived.nc", derived="y doubled")
+    opened = xd.open_run(tmp_path / "derived.nc")
+    assert opened.step_number.values.tolist() == run.step_number.values.tolist()
+    assert opened.event_row_before.values.tolist() == run.event_row_before.values.tolist()
+
+
+def test_a_result_keeps_what_a_model_of_schema_1_calls_as_it_does() -> None:
+    """Assert a trailing underscore for the model's quantities where a result adds a name, and none elsewhere."""
+    run = xd.open_run(PARTS / "names_of_today.nc")
+    assert float(run.document) == 2.0
+    assert run.model_toml.dims == ()
+    states = run.dynamics.at([0.5, 1.0])
+    assert states.at_time.values.tolist() == [0.5, 1.0]
+    assert states.at_time_.values.tolist() == pytest.approx(np.cos([1.0, 2.0]), abs=1e-3)
+    model = xd.Model.from_record(run.model_toml.values.item())
+    sweep = xd.sweep(model, {"method": ["rk4", "dop853"]}, step="0.1 s", until=1.0)
+    assert sweep.solver_method.values.tolist() == ["rk4", "dop853"]
+    assert float(sweep.solver_method_) == 3.0
+    two = xd.open_run(PARTS / "dimension_of_today.nc")
+    assert two.y.dims == ("step", "document")
+    assert (
+        xd.refine(
+            xd.Model.from_record(two.model_toml.values.item()), method="rk4", steps=[0.2, 0.1], until=1.0
+        ).y.sizes["document"]
+        == 2
+    )

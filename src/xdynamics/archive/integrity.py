@@ -18,7 +18,7 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.record import check_elements, own_attributes, plain
 from xdynamics.record.laziness import is_chunked
 from xdynamics.record.partial_records import is_selection
-from xdynamics.record.schemas import replaced
+from xdynamics.record.schemas import by_places, replaced
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
     ATOL_RULE,
@@ -26,10 +26,12 @@ from xdynamics.schema import (
     LEFT_OUT_ATOL,
     ORIGIN,
     ROOT_DIGEST,
+    SCHEMA_OF_LAW,
     SELECTION,
     SELECTION_OF,
     STEP_NUMBER,
     STEPS,
+    is_former,
     label_of,
 )
 from xdynamics.units import UNKNOWN_UNIT
@@ -70,8 +72,8 @@ class Standing:
 
 def standing(run: xr.Dataset) -> Standing:
     """Compare a record with what it was when it was marched or read."""
-    run = as_recorded(run)
     origin = run.attrs.get(ORIGIN)
+    run = as_recorded(run, _numbers_in(run, origin) if isinstance(origin, Origin) else None)
     if not isinstance(origin, Origin):
         digest = str(run.attrs.get(ROOT_DIGEST, ""))
         if digest and content_digest(run) == digest:
@@ -100,6 +102,21 @@ def standing(run: xr.Dataset) -> Standing:
         if "atol_si" in attributes and ATOL_RULE not in attributes
     }
     return Standing(origin, tuple(faults), "; ".join(_selected(fewer, left_out, run, origin)), tolerances)
+
+
+def _numbers_in(run: xr.Dataset, origin: Origin) -> NDArray[np.int64] | None:
+    """Return the numbers of all rows of an archive of schema 1 of whose rows a record has some; None of other records."""
+    part, own = origin.parts.get(STEP_NUMBER.name), run.variables.get(STEP_NUMBER.name)
+    if part is None or not is_former(run.attrs) or (own is not None and own.shape == part.shape):
+        return None
+    whole = _whole(origin)
+    return None if whole is None else np.asarray(whole.variables[STEP_NUMBER.name].values)
+
+
+def _whole(origin: Origin) -> xr.Dataset | None:
+    """Return a record as it was, as a file has it, if its values are still at hand."""
+    whole = origin.whole()
+    return None if whole is None else as_recorded(whole)
 
 
 def digest_of_run(run: xr.Dataset) -> str:
@@ -146,7 +163,7 @@ def edited_variables(run: xr.Dataset, roles: Container[Any] | None = None) -> li
     origin = run.attrs.get(ORIGIN)
     if not isinstance(origin, Origin):
         return []
-    original = cache(origin.whole)  # an archive is opened once, and only where values have to be compared
+    original = cache(lambda: _whole(origin))  # an archive is opened once, and only where values have to be compared
     compared = {
         str(name): variable
         for name, variable in run.variables.items()
@@ -275,7 +292,7 @@ def _values(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterato
     if _is_array_of(part, now):
         yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
         return
-    whole = origin.whole()
+    whole = _whole(origin)
     then = None if whole is None else whole.variables.get(part.name)
     if then is None:
         yield f"variable '{part.name}' differs from its digest in the run"
@@ -304,7 +321,7 @@ def _first_apart(now: xr.Variable, then: xr.Variable) -> str:
 
 def _rows(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
     """Look for every kept row among the run's, in their order."""
-    whole = origin.whole()
+    whole = _whole(origin)
     if whole is None:
         yield (
             f"rows of '{dim}' are left out, and the run they were taken from is no longer at hand: save the selection"
@@ -322,6 +339,8 @@ def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:
     """Select from a run what a selection has kept, found by its values; what is not found stays whole."""
     if not is_selection(kept.attrs):
         return whole
+    if is_former(kept.attrs):  # it names rows by their places in the whole run
+        whole = by_places(whole, np.asarray(whole.variables[STEP_NUMBER.name].values))
     names = [str(name) for name in kept.variables if name in whole.variables]
     selection = whole.drop_vars([name for name in whole.variables if name not in names])
     for dim in selection.dims:
@@ -332,7 +351,7 @@ def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:
     attributes = {name: kept.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in kept.attrs}
     same = all(
         kept.attrs.get(name) == whole.attrs.get(name)
-        for name in ("xdynamics_version", "schema_version", "math_functions")
+        for name in ("xdynamics_version", "schema_version", SCHEMA_OF_LAW, "math_functions")
     )
     if same:  # another text of the law has another digest
         attributes[SELECTION_OF] = content_digest(whole)

@@ -30,6 +30,7 @@ from xdynamics.schema import (
     ORIGIN,
     ROOT_DIGEST,
     SEALED,
+    SELECTION_OF,
     STEP_NUMBER,
     TEXT_NAMES,
     VOLATILE_DIGEST,
@@ -216,12 +217,15 @@ class _Record:
         self._variables, self._noted = dict(variables), dict[str, _Stored]()
         texts = [alone(lambda: text.dimensions)() for name in TEXT_NAMES if (text := variables.get(name)) is not None]
         # a record of the former schema that was opened here and written by another program has the words of today
-        self._in_words_of_today = is_former(attributes) and (DOCUMENT,) in [dims[:1] for dims in texts]
+        self._in_words_of_today = is_former(attributes) and (
+            (DOCUMENT,) in [dims[:1] for dims in texts]
+            or bool(self._stated and STEP_NUMBER.name in variables and STEP_NUMBER.name not in self._stated)
+        )
         self._numbers = self._numbers_of_rows() if self._in_words_of_today else None
 
     def _numbers_of_rows(self) -> NDArray[np.int64] | None:
         """Return what names rows in the words of today, if the record as it was written has these numbers too."""
-        if (variable := self._variables.get(STEP_NUMBER.name)) is None:
+        if (variable := self._variables.get(STEP_NUMBER.name)) is None or SELECTION_OF in self._attributes:
             return None
         numbers = np.asarray(read(variable, ...))
         if STEP_NUMBER.name in self._stated or not np.array_equal(numbers, np.arange(numbers.size)):
@@ -278,7 +282,12 @@ class _Record:
             seal, places = Seal(name, dims, dtype), np.searchsorted(self._numbers, read(variable, ...))
             seal.update(places.astype(dtype))
             return seal.hexdigest()
-        return stored_digest(variable, name, single=self._in_words_of_today and name in TEXT_NAMES)
+        return stored_digest(
+            variable, name, single=name in TEXT_NAMES and self._in_words_of_today and self._is_along_document(name)
+        )
+
+    def _is_along_document(self, name: str) -> bool:
+        return (*alone(lambda: self._variables[name].dimensions)()[:1],) == (DOCUMENT,)
 
     def agrees(self) -> bool:
         """Whether the content digest is that of variables and attributes, but for what was noted beside them."""

@@ -272,7 +272,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     if derived is None:
         record.check(run, whole=False)
         check_cut(run)
-    result = standing(run)
+    result = standing(given)
     attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
     if derived is not None:
         if not isinstance(derived, str) or not derived.strip():
@@ -304,8 +304,9 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         left_out = {**left_out_atols(attributes), **result.left_out_atol}
         attributes |= {SELECTION: before + result.selected, SELECTION_OF: attributes.get(SELECTION_OF, result.of)}
         attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
-        if is_former(attributes):  # numbers of rows and what names them go with a selection
-            run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
+    is_part = EVIDENCE not in attributes and (derived is not None or bool(result.selected))
+    if is_part and is_former(attributes):  # numbers of rows and what names them go with a selection
+        run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
     declared = run.copy(deep=False)
     declared.attrs = attributes
     return declared

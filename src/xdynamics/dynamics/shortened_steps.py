@@ -243,7 +243,7 @@ class Inside:
             dims = (AT, *quantity.dims)
             own, of_error, of_rest = (values_along(numbers, k * size + first, quantity) for k in range(3))
             first += quantity.size
-            variables[name] = xr.Variable(dims, own, described)
+            variables[schema.beside((AT_TIME,), name)] = xr.Variable(dims, own, described)
             variables[error] = xr.Variable(dims, of_error, error_described)
             if self.layout.is_doubled:
                 left = {

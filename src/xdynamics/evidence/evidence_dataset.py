@@ -14,6 +14,7 @@ from xdynamics.record.schemas import along_document
 from xdynamics.schema import (
     AT_TIME,
     CONVENTIONS,
+    DOCUMENT,
     EVIDENCE,
     MODEL_DIMENSIONS,
     RUNS,
@@ -67,7 +68,10 @@ def exhibit(
     own = {name: xr.Variable(*variable) for name, variable in variables.items()}
     for name in TEXT_NAMES:
         if name in own and not own[name].dims:
-            own[name] = own[name] if kind == SWEEP else along_document(own[name])
+            others = ((other, *variable.dims) for other, variable in own.items() if other not in TEXT_NAMES)
+            # dimensions of a sweep are its axes alone; of a model of schema 1 something else may be called so
+            if kind != SWEEP and not any(DOCUMENT in names for names in others):
+                own[name] = along_document(own[name])
             coordinates.append(name)
     dataset = xr.Dataset(_told(own) if shapes.dims else own).set_coords(coordinates)
     header = {

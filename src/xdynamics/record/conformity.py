@@ -13,7 +13,7 @@ from xdynamics.reaction_names import JOINT
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.partial_records import is_run, is_whole
-from xdynamics.record.schemas import in_words_of
+from xdynamics.record.schemas import are_rows_places, in_words_of
 from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     ATOL_EFFECT,
@@ -221,11 +221,13 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
 
 
 def _rows(run: xr.Dataset, sound: Mapping[str, xr.Variable]) -> Iterator[str]:
+    rows, by_place = run.sizes.get(STEPS, 0), are_rows_places(run)
     for name in ("event_row_before", "event_row_after"):
-        if {name, STEP_NUMBER.name} <= {*sound}:
-            wrong = np.flatnonzero(rows_named(run, name) < 0)
+        if {name, *([] if by_place else [STEP_NUMBER.name])} <= {*sound}:
+            named = np.asarray(sound[name].values) if by_place else rows_named(run, name)
+            wrong = np.flatnonzero((named < 0) | (named >= rows))
             if wrong.size:
-                row, rows = sound[name].values[wrong[0]], run.sizes[STEPS]
+                row = sound[name].values[wrong[0]]
                 yield f"variable '{name}' names row {row} at event {wrong[0]}, and there are {rows}"
 
 

@@ -144,7 +144,10 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         for function in march.model.python_functions
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
-    return entries + [(variable, np.array([texts[variable.name]])) for variable in schema.TEXTS]
+    written = [(variable, np.array([texts[variable.name]])) for variable in schema.TEXTS]
+    if any(schema.DOCUMENT in (variable.name, *variable.dims) for variable, _ in entries):  # of a model of schema 1
+        written = [(replace(variable, dims=()), text[0]) for variable, text in written]
+    return entries + written
 
 
 def factors(layout: Layout, scales: Scales) -> Array:

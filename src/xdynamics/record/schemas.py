@@ -18,6 +18,8 @@ from xdynamics.schema import (
     EVENT_BOUNDS,
     EVIDENCE,
     NAMES_ROWS,
+    SCHEMA_OF_LAW,
+    SCHEMA_VERSION,
     STEP_NUMBER,
     STEPS,
     SWEEP,
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
     from xdynamics.schema import Variable
 
-MADE = "made"  # entry of the encoding of a variable that a record of the former schema has not
+MADE = "made"  # in the encoding of the numbers of rows that what names rows has: whether the file has none
 
 
 def modern(run: xr.Dataset) -> xr.Dataset:
@@ -44,7 +46,7 @@ def modern(run: xr.Dataset) -> xr.Dataset:
     """
     of_run = EVIDENCE not in run.attrs
     if is_former(run.attrs):
-        if run.attrs.get(EVIDENCE) != SWEEP:
+        if run.attrs.get(EVIDENCE) != SWEEP and not has_document(run):
             run = _with_texts(run, along_document)
         if STEPS in run.dims and of_run:
             run = _numbered(run)
@@ -61,28 +63,68 @@ def modern(run: xr.Dataset) -> xr.Dataset:
     return shown
 
 
-def as_written(run: xr.Dataset) -> xr.Dataset:
-    """Return a record in the words of its schema; the reverse of `modern`."""
-    if not is_former(run.attrs):
+def as_written(run: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.Dataset:
+    """Return a record in the words of its schema; the reverse of `modern`.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    numbers : ndarray of int, optional
+        The numbers of all rows of the record that this is a part of, among which what names rows has its places; by
+        default its own.
+    """
+    if not is_former(run.attrs) or are_rows_places(run):
         return run
     run = _with_texts(run, lambda text: text.isel({DOCUMENT: 0}) if text.dims == (DOCUMENT,) else text)
-    if STEP_NUMBER.name not in run.variables:
+    if is_selection(run.attrs):  # whose names of rows were never converted
         return run
-    if MADE in run.variables[STEP_NUMBER.name].encoding:
-        return run.drop_vars(STEP_NUMBER.name)
-    numbers = np.asarray(run.variables[STEP_NUMBER.name].values)
+    if (own := run.variables.get(STEP_NUMBER.name)) is not None:
+        if own.encoding.get(MADE):
+            return run.drop_vars(STEP_NUMBER.name)
+        numbers = np.asarray(own.values) if numbers is None else numbers
+        run = replaced(run, {STEP_NUMBER.name: _marked(own, None)})
+    return run if numbers is None else by_places(run, numbers)
+
+
+def by_places(run: xr.Dataset, numbers: NDArray[np.int64]) -> xr.Dataset:
+    """Return a record in which what names rows has their places among rows of given numbers."""
     return _with_rows(run, lambda named: np.searchsorted(numbers, named))
 
 
 def in_own_words(run: xr.Dataset) -> xr.Dataset:
     """Return a record of the former schema, opened here once and written by another program, in the words of its file."""
-    if not is_former(run.attrs) or not any(run.variables[name].dims for name in TEXT_NAMES if name in run.variables):
-        return run
-    if rows_apart(run.attrs) == 1 and STEP_NUMBER.name in run.variables:
-        numbers = run.variables[STEP_NUMBER.name]
-        if np.array_equal(numbers.values, np.arange(numbers.size)):
-            numbers.encoding[MADE] = True
+    if (
+        is_former(run.attrs)
+        and not are_rows_places(run)
+        and rows_apart(run.attrs) == 1
+        and (numbers := run.variables.get(STEP_NUMBER.name)) is not None
+        and np.array_equal(numbers.values, np.arange(numbers.size))
+    ):
+        numbers.encoding[MADE] = True
     return as_written(run)
+
+
+def are_rows_places(run: xr.Dataset) -> bool:
+    """Whether what names rows of a record has their places, as in the files of the former schema."""
+    numbers = run.variables.get(STEP_NUMBER.name)
+    return (
+        is_former(run.attrs)
+        and not (numbers is not None and MADE in numbers.encoding)
+        and not any(run.variables[name].dims for name in TEXT_NAMES if name in run.variables)
+    )
+
+
+def _marked(numbers: xr.Variable, made: bool | None) -> xr.Variable:  # noqa: FBT001
+    """Return numbers of rows with a mark that what names rows has them, and whether a file has not; None for no mark."""
+    marked = numbers.copy(deep=False)
+    marked.encoding = {key: entry for key, entry in numbers.encoding.items() if key != MADE}
+    marked.encoding |= {} if made is None else {MADE: made}
+    return marked
+
+
+def has_document(run: xr.Dataset) -> bool:
+    """Whether something of an old model has the name of the dimension of texts, which have none then."""
+    return DOCUMENT in run.variables or run.sizes.get(DOCUMENT, 1) > 1
 
 
 def along_document(text: xr.Variable) -> xr.Variable:
@@ -128,23 +170,30 @@ def _numbered(run: xr.Dataset) -> xr.Dataset:
     if STEP_NUMBER.name not in run.variables:
         if is_selection(run.attrs):
             return run  # its rows have no numbers any more
-        made = xr.Variable((STEPS,), np.arange(run.sizes[STEPS]), STEP_NUMBER.attributes, {MADE: True}, fastpath=True)
-        return replaced(run, {STEP_NUMBER.name: made})
+        made = xr.Variable((STEPS,), np.arange(run.sizes[STEPS]), STEP_NUMBER.attributes, fastpath=True)
+        return replaced(run, {STEP_NUMBER.name: _marked(made, True)})  # noqa: FBT003
     if rows_apart(run.attrs) == 1 or is_selection(run.attrs):
         return run
-    numbers = np.asarray(run.variables[STEP_NUMBER.name].values)
+    own = run.variables[STEP_NUMBER.name]
+    numbers = np.asarray(own.values)
+    run = replaced(run, {STEP_NUMBER.name: _marked(own, False)})  # noqa: FBT003
     return _with_rows(run, lambda places: numbers[places])
 
 
 def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable]:
     """Return what a schema asks of every record, as that of a record has it, in its file or opened."""
-    if not is_former(run.attrs):
-        return [*variables]
-    texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
-    known = [variable for variable in variables if variable.name != STEP_NUMBER.name or variable.name in run.variables]
+    known, texts = [*variables], dict[str, tuple[str, ...]]()
+    if is_former(run.attrs) or has_document(run):
+        texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
+    if is_former(run.attrs):
+        known = [one for one in known if one.name != STEP_NUMBER.name or one.name in run.variables]
     return [replace(variable, dims=texts.get(variable.name, variable.dims)) for variable in known]
 
 
 def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Return attributes of a part of a run, which is written as runs are today; its version says whose law it has."""
-    return attributes | {"Conventions": CONVENTIONS}
+    """Return attributes of a part of a run, which is written as runs are today, and says in which words its law is."""
+    return attributes | {
+        "Conventions": CONVENTIONS,
+        "schema_version": SCHEMA_VERSION,
+        SCHEMA_OF_LAW: attributes["schema_version"],
+    }

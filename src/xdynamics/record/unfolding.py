@@ -9,6 +9,7 @@ from itertools import compress, product
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.record.element_attributes import attributes_of_element
@@ -83,9 +84,9 @@ def whole_of(dataset: xr.Dataset) -> xr.Dataset:
     return whole
 
 
-def as_recorded(dataset: xr.Dataset) -> xr.Dataset:
-    """Return what a Dataset was before it was unfolded, as a file has it."""
-    return as_written(unlabelled(whole_of(dataset)))
+def as_recorded(dataset: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.Dataset:
+    """Return what a Dataset was before it was unfolded, as a file has it; `numbers` as `as_written` has them."""
+    return as_written(unlabelled(whole_of(dataset)), numbers)
 
 
 def _elements(

@@ -16,9 +16,9 @@ from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
 from xdynamics.record.arguments import atol_floor_of, root_method_of
 from xdynamics.record.element_names import listed
-from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, EVIDENCE, OCCURRENCE, SWEEP
+from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, EVIDENCE, OCCURRENCE, SWEEP, beside
 from xdynamics.shapes.naming import spoken, written
-from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, AxisColumn
+from xdynamics.sweeping.axes import INITIAL, OF_MODEL, PARAMETER, RTOL, STEP, TABLE, Axis, AxisColumn
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
@@ -78,9 +78,11 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     if clashes := sorted({*kept} & {*coordinates, *grid.dims}):
         name = clashes[0]
         raise InputError(f"'{name}' is an axis and kept too; call the axis 'initial_{name}'")
-    varying = {name for _, variable in grid.columns for name in (variable.label, *variable.names)}
+    varying = {name for _, variable in grid.columns if variable.kind in OF_MODEL for name in variable.names}
+    times = plan.keeping.times
+    added = {*coordinates, *grid.dims, *([AT_TIME] if times.size else [])}
     shared = {
-        name: (
+        beside(added, name): (
             (),
             parameter.quantity.value,
             about(parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"),
@@ -88,7 +90,6 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
         for name, parameter in grid.model.statement.parameters.items()
         if name not in varying and name not in kept
     }
-    times = plan.keeping.times
     extra: dict[str, Any] = (
         {AT_TIME: ((AT,), times, about(grid.model.time_unit.text, "wanted time", "time"))} if times.size else {}
     )
@@ -249,7 +250,7 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         raise InputError(f"the sweep is of {len(texts)} models; sweeps of one model alone can be put together")
     model = Model.from_record(texts.pop(), functions=functions)
     keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
-    if AT_TIME in sweep.variables:
+    if AT_TIME in sweep.variables and sweep[AT_TIME].attrs.get("role") != "parameter":  # of a model of schema 1
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
     asked = json.loads(sweep.attrs[ASKED])
     if (kept := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # the default when the sweep was marched

@@ -20,6 +20,7 @@ from xdynamics.schema import (
     COUNTS,
     END_MEMORY,
     EVENT_BOUNDS,
+    SCHEMA_OF_LAW,
     SELECTION_OF,
     SERIES_ARITHMETIC,
     STEPS,
@@ -32,7 +33,10 @@ SLAB = 1_000_000  # numbers, or one row that has more
 STATES = ("coordinate", "velocity", "state")  # roles
 # the text of the law, which another version may write differently, the set of elementary functions, the words of
 # records and the sentence of the outcome, in which later versions report more doubts about a run
-LAW = ("force_source", "force_digest", "math_functions", "Conventions", "schema_version", "run_outcome_text")
+LAW = (
+    *("force_source", "force_digest", "math_functions"),
+    *("Conventions", "schema_version", SCHEMA_OF_LAW, "run_outcome_text"),
+)
 # what later versions define differently: in 0.1, the uncertainty of an event's location had no lower bound
 REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0
@@ -75,7 +79,9 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
     """
     versions = [str(run.attrs.get("xdynamics_version", "of unknown name")) for run in (kept, again)]
     sets = [str(run.attrs.get("math_functions", "of unknown name")) for run in (kept, again)]
-    schemas = [str(run.attrs.get("schema_version", "of unknown name")) for run in (kept, again)]
+    schemas = [
+        str(run.attrs.get(SCHEMA_OF_LAW, run.attrs.get("schema_version", "of unknown name"))) for run in (kept, again)
+    ]
     same = versions[0] == versions[1] and sets[0] == sets[1] and schemas[0] == schemas[1]
     table = _table(kept, again, worded=same)
     reasons = []
