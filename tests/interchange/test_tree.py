@@ -73,3 +73,21 @@ def test_elements_keep_their_labels() -> None:
     parameters = {name for name in run.coords if run[name].attrs.get("role") == "parameter"}
     assert parameters
     assert parameters <= {*tree.dataset.coords}
+
+
+def test_a_node_is_opened_alone(run: xr.Dataset, tmp_path: Path) -> None:
+    """Assert that xarray's word for a node of a file gives that table, and names what there is."""
+    xd.save(run, tmp_path / "ball.nc")
+    events = xr.open_dataset(tmp_path / "ball.nc", engine="xdynamics", group="/events")
+    assert events.before_v_y.values.tolist() == run.v_y.values[run.event_row_before.values].tolist()
+    with pytest.raises(xd.InputError, match="has no group 'event'; there are steps, trials, events, samples"):
+        xr.open_dataset(tmp_path / "ball.nc", engine="xdynamics", group="event")
+
+
+def test_rows_that_are_not_where_they_belong_are_named(run: xr.Dataset) -> None:
+    """Assert one line for numbers of rows that were edited, and for rows that run backwards."""
+    backwards = np.arange(run.sizes["step"])[::-1]
+    with pytest.raises(xd.InputError, match="the row before event 'floor' at t = .* is at another time"):
+        run.assign_coords(step_number=("step", backwards)).dynamics.events("floor")
+    with pytest.raises(xd.InputError, match="the rows are not in the order of time"):
+        run.isel(step=backwards).dynamics.at(0.1)

@@ -59,3 +59,10 @@ def test_a_dimension_of_records_is_refused(name: str) -> None:
 def test_names_beside_them_are_free(name: str) -> None:
     """Assert that what only resembles them is a name as every other."""
     assert name in xd.Model.from_text(SPRING.format(name=name)).statement.parameters
+
+
+@pytest.mark.parametrize("value", ["3", "true", '["A", "B"]'])
+def test_what_is_no_text_is_refused(value: str) -> None:
+    """Assert one line for authors and descriptions that are numbers or lists, which were written as Python shows them."""
+    with pytest.raises(xd.ModelError, match=r"about: .* is no text; write it in quotes"):
+        xd.Model.from_text(SPRING.format(name="b") + f"[about]\ncreator = {value}\n")

@@ -25,6 +25,7 @@ run.where(…), groupby and concat meet numbers alone. run.model_toml.item() is 
                                     run, so that run.dynamics.events("floor") finds the states
   run.dynamics.tree()               plain tables: /steps, /trials, /events with both one-sided
                                     states, /samples; xr.open_datatree("run.nc", engine="xdynamics")
+  xr.open_dataset("run.nc", engine="xdynamics", group="events")   one of them
   xr.concat([a, b], "member", coords="different", compat="equals")   runs with as many rows
 By time. Rows are accepted steps, wherever those ended, and at an event there are two at one time,
 before and after it.

@@ -72,6 +72,10 @@ def located(accepted: AcceptedTimes, wanted: Floats, *, after: bool) -> tuple[ND
         If a time is outside the run.
     """
     first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
+    if first > last:
+        raise InputError(
+            "the rows are not in the order of time; take them in their order, as in run.isel(step=slice(a, b))"
+        )
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
         unit = unit_suffix(accepted.units)

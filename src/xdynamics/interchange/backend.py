@@ -16,19 +16,25 @@ class ArchiveBackend(BackendEntrypoint):
 
     description = "Archives of xdynamics, verified against their seals and digests"
     url = "https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html"
-    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables")
+    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables", "group")
 
-    def open_dataset(self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None) -> xr.Dataset:
-        """Open an archive.
+    def open_dataset(
+        self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None, group: str | None = None
+    ) -> xr.Dataset:
+        """Open an archive, or a node of its tree: ``group="events"``.
 
         Raises
         ------
         InputError, ArchiveError
-            As of `open_run`.
+            As of `open_run`; or if there is no such node.
         """
         import xdynamics.interchange.accessor  # noqa: F401 - `run.dynamics`
         from xdynamics.archive import open_run
 
+        if group is not None and group.strip("/"):
+            from xdynamics.interchange.tree import node_of
+
+            return node_of(self.open_datatree(filename_or_obj, drop_variables=drop_variables), group)
         run = open_run(filename_or_obj)
         left_out = [drop_variables] if isinstance(drop_variables, str) else [*(drop_variables or ())]
         return run.drop_vars(left_out, errors="ignore") if left_out else run

@@ -8,6 +8,7 @@ import numpy as np
 
 from xdynamics.archive import without_stale_units
 from xdynamics.evidence.evidence_dataset import about
+from xdynamics.faults import InputError
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
 from xdynamics.record.variable_attributes import without_bounds
@@ -67,6 +68,19 @@ def tree(run: xr.Dataset) -> xr.DataTree:
     nodes = {f"/{NODES[dim]}": _table(variables, run) for dim, variables in own.items()}
     whole = xr.Dataset(root, attrs=run.attrs).set_coords([name for name in root if name in run.coords])
     return xr.DataTree.from_dict({"/": whole, **nodes})
+
+
+def node_of(nodes: xr.DataTree, group: str) -> xr.Dataset:
+    """Return the table of a node.
+
+    Raises
+    ------
+    InputError
+        Naming the nodes that there are.
+    """
+    if group.strip("/") not in nodes.children:
+        raise InputError(f"the record has no group '{group}'; there are {', '.join(nodes.children)}")
+    return nodes[group.strip("/")].to_dataset()
 
 
 def _table(variables: dict[Any, Any], run: xr.Dataset) -> xr.Dataset:

@@ -87,9 +87,11 @@ def description(value: Any, *_: Any) -> str:
     Raises
     ------
     InputError
-        If it has characters that are not printable.
+        If it is none, or has characters that are not printable.
     """
-    text = str(value).strip()
+    if not isinstance(value, str):
+        raise InputError(f"{str(value)[:40]} is no text; write it in quotes")
+    text = value.strip()
     if not all(character.isprintable() or character in "\n\t" for character in text):
         raise InputError(f"text {text[:40]!r} has characters that are not printable")
     return text

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.record.laziness import is_chunked
-from xdynamics.schema import STEP_NUMBER
+from xdynamics.schema import STEP_NUMBER, STEPS
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -51,18 +51,32 @@ def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDA
     Raises
     ------
     InputError
-        Naming the first event whose row was left out.
+        Naming the first event whose row was left out, or is not at its time.
     """
     places: NDArray[np.int64] = rows_named(run, f"event_row_{side}")[events]
     if (missing := np.flatnonzero(places < 0)).size:
-        which = int(events[missing[0]])
-        time = float(np.atleast_1d(run.variables["event_time"].values)[which])
-        words = str(run.variables["event_detector"].attrs.get("flag_meanings", "")).split()
-        number = int(np.atleast_1d(run.variables["event_detector"].values)[which])
-        detector = words[number] if number < len(words) else str(number)
-        second = unit_suffix(str(run.variables["event_time"].attrs["units"]))
         raise InputError(
-            f"the row {side} event '{detector}' at t = {time:.6g}{second} is not in this selection; take the event's states"
+            f"the row {side} {_event_in_words(run, int(events[missing[0]]))} is not in this selection; take the event's states"
             " from the whole run"
         )
+    if "time" in run.variables:
+        apart = np.asarray(run.variables["time"].isel({STEPS: places})) != _event_times(run)[events]
+        if apart.any():
+            raise InputError(
+                f"the row {side} {_event_in_words(run, int(events[apart][0]))} is at another time: step_number or a time was"
+                " edited; take the event's states from the run as it was marched"
+            )
     return places
+
+
+def _event_times(run: xr.Dataset) -> NDArray[np.float64]:
+    return np.atleast_1d(run.variables["event_time"].values)
+
+
+def _event_in_words(run: xr.Dataset, which: int) -> str:
+    """Name an event by its detector and its time."""
+    time = float(_event_times(run)[which])
+    words = str(run.variables["event_detector"].attrs.get("flag_meanings", "")).split()
+    number = int(np.atleast_1d(run.variables["event_detector"].values)[which])
+    detector = words[number] if number < len(words) else str(number)
+    return f"event '{detector}' at t = {time:.6g}{unit_suffix(str(run.variables['event_time'].attrs['units']))}"
