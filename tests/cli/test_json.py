@@ -45,6 +45,7 @@ VERBS = {
     "recheck": ("certificate.nc", "certificate"),
     "verify": ("run.nc", "verification"),
     "reproduce": ("run.nc", "reproduction"),
+    "table": ("run.nc --of events -o events.csv", "table"),
     "sample": ("run.nc --times '0.1 s, 0.2 s' -o table.csv", "states"),
     "enclose": ("spring.toml --until '0.1 s' --order 8 -o tube.nc", "enclosure"),
     "methods": ("", "methods"),

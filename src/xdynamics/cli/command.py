@@ -8,14 +8,18 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from shutil import get_terminal_size
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from xdynamics.cli.streams import Stream, surviving_streams
 from xdynamics.cli.verb_names import command_meant
 from xdynamics.faults import escaped
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
 SIGNALLED = 128  # and the signal's number, as a shell reports a process that it ended: 143 for SIGTERM, 129 for SIGHUP
@@ -198,6 +202,22 @@ def say(lines: Iterable[str]) -> None:
     if not meta.get(QUIET) and not meta.get(JSON):
         for line in lines:
             click.echo(escaped(line))
+
+
+def width() -> int:
+    """Return how many letters a line of the terminal has; 80 where there is none."""
+    return get_terminal_size((80, 24)).columns
+
+
+def on_board(record: xr.Dataset) -> list[str]:
+    """Return the table of a refinement or of a ledger between empty lines; of other records nothing."""
+    meta = click.get_current_context().meta
+    if meta.get(QUIET) or meta.get(JSON):
+        return []
+    from xdynamics.interchange.tables import board_of
+
+    board = board_of(record, width())
+    return ["", *board, ""] if board else []
 
 
 def json_option(verb: Callable[..., Any]) -> Callable[..., Any]:

@@ -31,6 +31,7 @@ EXAMPLES = {
     "show": "xdynamics show ball.nc",
     "sign": "xdynamics sign ball.nc --new-key key.pem",
     "sweep": 'xdynamics sweep data/models/ball_drag.toml --axis "vt=20:60:9 m s-1" --rtol 1e-8 -o balls',
+    "table": "xdynamics table ball.nc --of events -o events.csv",
     "validate": "xdynamics validate --method dop853 -o ledger.nc",
     "verify": "xdynamics verify ball.nc",
 }

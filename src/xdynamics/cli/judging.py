@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xdynamics.cli.clustering import KEPT, clustered, made
-from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
+from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, on_board, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.measuring import TABLES, measured_data, reading_of
 from xdynamics.cli.settings import OF_RECORDS, asked, pairs, settings
@@ -163,7 +163,7 @@ def _check(output: str | None) -> None:
 
 def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
     """Save evidence if an output is named, and print its findings."""
-    lines = [str(evidence.attrs["title"]), *describe(evidence)]
+    lines = [str(evidence.attrs["title"]), *on_board(evidence), *describe(evidence)]
     written = None
     if output:
         from xdynamics.archive import save

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.command import hand_over, json_option, main, say
+from xdynamics.cli.command import hand_over, json_option, main, on_board, say, width
 from xdynamics.cli.settings import names_in
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ def show(archive: str, whole: bool) -> None:
     from xdynamics.documenting.summary import details
 
     record = _opened(archive)
-    say(details(record, whole=whole))
+    title, *further = details(record, whole=whole)
+    say([title, *on_board(record), *further])
     hand_over(record)
 
 
@@ -162,6 +163,41 @@ def sample(archive: str, times: str, output: str | None) -> None:
     text = text_of(states)
     say([write(text, target)] if target is not None else text.splitlines())
     hand_over(states, archive=output)
+
+
+@main.command()
+@click.argument("archives", metavar="FILE.nc…", nargs=-1, required=True)
+@click.option(
+    "--of",
+    metavar="ROWS",
+    help="What a row is of: steps, trials, events, samples, closed, levels, cases, terms, times, members or parameters; by"
+    " default what the file has first.",
+)
+@click.option(
+    "-o", "--output", metavar="T.csv|.xlsx|.parquet|.md|.tex", help="The table to write; printed if not given."
+)
+@click.option("--rounded", is_flag=True, help="Round each number to the digits that its uncertainty supports.")
+@json_option
+def table(archives: tuple[str, ...], of: str | None, output: str | None, rounded: bool) -> None:
+    """Write what a file holds as a table, with units in its headers: of a run its steps, of a refinement its levels.
+
+    Events have both one-sided states in their row; a sweep's folder has a row a member; of several runs each has a row.
+    The states at chosen times are written by `xdynamics sample`.
+    """
+    from xdynamics.archive.place import placed
+    from xdynamics.faults import InputError
+    from xdynamics.interchange import tables
+
+    target = tables.check_target(placed(output)) if output else None
+    if len(archives) > 1:
+        if of is not None or rounded:
+            raise InputError(f"of {len(archives)} files each has a row; give one for {'--of' if of else '--rounded'}")
+        made = tables.of_runs(archives)
+    else:
+        made = tables.table(_opened(archives[0]), of, rounded=rounded)
+    say([tables.write(made, target)] if target is not None else tables.lines_of(made, width()))
+    rows = {"units": made.attrs["units"], "rows": made.to_dict("records")}
+    hand_over({"kind": "table", "title": f"table of {', '.join(archives)}", **rows}, archive=output)
 
 
 @main.command()

@@ -23,6 +23,12 @@ run.where(…), groupby and concat meet numbers alone. run.model_toml.item() is 
   run.isel(step=slice(10, None))    a selection. event_row_before, event_row_after, trial_step and
                                     sample_step name rows by step_number, their number in the whole
                                     run, so that run.dynamics.events("floor") finds the states
+  run.dynamics.table("events")      a table for pandas with units in its headers, `y [m]`: steps,
+                                    trials, events, samples, closed, parameters; of evidence levels,
+                                    cases, terms, times, members. `xdynamics table` writes it as
+                                    .csv, .md, .tex, and with xdynamics[tables] as .xlsx (of 16
+                                    digits) and .parquet. run.dynamics.frame("event") has the names
+                                    of the record
   run.dynamics.tree()               plain tables: /steps, /trials, /events with both one-sided
                                     states, /samples; xr.open_datatree("run.nc", engine="xdynamics")
   xr.open_dataset("run.nc", engine="xdynamics", group="events")   one of them

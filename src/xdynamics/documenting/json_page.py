@@ -3,7 +3,7 @@
 JSON_PAGE = """\
 With --json standard output holds one JSON object in one line and nothing else; warnings and errors
 go to standard error, and exit codes stay. These have it: run, extend, complete, show, check,
-sample, sweep, fit, budget, certify, recheck, refine, compare, diagnose, validate, verify,
+sample, table, sweep, fit, budget, certify, recheck, refine, compare, diagnose, validate, verify,
 reproduce, enclose, methods.
   xdynamics fit pendulum.toml bench.csv --parameter L --json | jq '.variables.estimate.values'
   xdynamics show fit.nc --json | jq '.variables | [.parameter_name.values, .estimate.values]'
@@ -11,8 +11,8 @@ reproduce, enclose, methods.
 Numbers have all their digits: reading them gives the same bits. JSON has none that are not finite:
   nan is null, infinity is the text "inf" or "-inf"
 Every object has
-  kind        what it is: run, model, verification, reproduction, states, methods, method, part (of
-              a run), or the kind of evidence, as of `show`
+  kind        what it is: run, model, verification, reproduction, states, table, methods, method,
+              part (of a run), or the kind of evidence, as of `show`
   title       in words; verifications and methods have none
   archive     the file that was written, if one was; model is the fitted model that `fit` wrote
 Evidence (fit, budget, certificate, refinement, comparison, diagnosis, ledger, sweep …), and what
@@ -25,6 +25,9 @@ Evidence (fit, budget, certificate, refinement, comparison, diagnosis, ledger, s
     long_name what it is, if that is said
     values    a number or text, else lists in lists in the order of dims; a flag by its words, like
               "passed"
+A table:
+  units       of each column
+  rows        list of rows, each by the names of the columns
 A run:
   outcome, text, method, force_evaluations, sizes, content_digest
   end         time and state at the end; units has the unit of each, time is in s

@@ -13,14 +13,15 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
 from xdynamics.interchange.solution import Solution, solution
+from xdynamics.interchange.tables import frame, table
 from xdynamics.interchange.time_notes import show_time_notes
-from xdynamics.interchange.tree import ENDS, states_on_side, tree
+from xdynamics.interchange.tree import states_on_side, tree
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record.variable_attributes import without_bounds
-from xdynamics.schema import BOUNDS, EVENT_BOUNDS, EVENTS, KINEMATIC, STEPS
+from xdynamics.schema import EVENTS, KINEMATIC, STEPS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -127,29 +128,19 @@ class Dynamics:
         InputError
             If the record has no such dimension.
         """
-        import pandas as pd
+        return frame(self._run, dim)
 
-        run = without_stale_units(self._run)
-        dimensions = [str(item) for item in run.dims if str(item) != BOUNDS]
-        if dim not in dimensions:
-            raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")
-        columns: dict[str, Any] = {}
-        units: dict[str, str] = {}
-        for name, item in run.variables.items():
-            if item.dims not in ((dim,), (dim, BOUNDS)):
-                continue
-            cells = np.array(words_of(run[name]), dtype=object) if "flag_meanings" in item.attrs else item.values
-            parts = (
-                {str(name): cells} if item.ndim == 1 else {f"{name}_{end}": cells[:, k] for k, end in enumerate(ENDS)}
-            )
-            columns |= parts
-            about_units = run["event_time"] if name == EVENT_BOUNDS else item
-            units |= dict.fromkeys(parts, str(about_units.attrs.get("units", "1")))
-        first = [item for item in ("time", "at_time", f"{dim}_time") if item in columns]
-        table = pd.DataFrame({item: columns[item] for item in (*first, *(c for c in columns if c not in first))})
-        table.index.name = dim
-        table.attrs["units"] = units
-        return table
+    def table(self, of: str | None = None, *, rounded: bool = False) -> pd.DataFrame:
+        """Return a table with units in its headers, a row a step, event, level, case, term or member; see `interchange.tables`.
+
+        Examples
+        --------
+        >>> import xdynamics as xd
+        >>> run = xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), method="dop853", rtol=1e-9)
+        >>> run.dynamics.table("events")[["event_detector", "event_time [s]"]].round(3).values.tolist()
+        [['apex', 1.799], ['ground', 3.711]]
+        """
+        return table(self._run, of, rounded=rounded)
 
     def tree(self) -> xr.DataTree:
         """Return the run as a tree of plain tables: ``/steps``, ``/events`` with both one-sided states, and so on.

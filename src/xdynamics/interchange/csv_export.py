@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.place import Place
-from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.sampling import sample
-from xdynamics.faults import ArchiveError, InputError
+from xdynamics.interchange import tables
 from xdynamics.record import of_elements
-from xdynamics.runtime.files import file_above
 from xdynamics.schema import AT, AT_TIME, error
 from xdynamics.shapes.naming import spoken
 
@@ -28,22 +25,8 @@ ENDINGS = (".csv", ".txt")
 
 
 def check_target(path: Place) -> Place:
-    """Check that a table can be written to a path.
-
-    Raises
-    ------
-    InputError
-        Naming it.
-    """
-    folder = is_folder(path)
-    if path.suffix.lower() not in ENDINGS and not folder:
-        raise InputError(f"table '{path}' has the ending '{path.suffix}'; it is text, {', '.join(ENDINGS)}")
-    if folder:
-        raise InputError(f"table '{path}' is a directory; name a file")
-    if isinstance(path, Path) and not path.parent.is_dir():
-        why = file_above(path) or f"there is no folder '{path.parent}'"
-        raise InputError(f"table '{path}' cannot be written: {why}")
-    return path
+    """Check that a table of text can be written to a path; see `tables.check_target`."""
+    return tables.check_target(path, ENDINGS)
 
 
 @of_elements
@@ -69,16 +52,6 @@ def tabled(run: xr.Dataset, wanted: Floats, path: Place) -> str:
 
 
 def write(text: str, path: Place) -> str:
-    """Write a table into a file; return a line that describes it.
-
-    Raises
-    ------
-    ArchiveError
-        If it cannot be written.
-    """
-    try:
-        with taking_name(path) as new:
-            new.part.write_text(text, encoding="utf-8")
-    except ArchiveError as error:
-        raise ArchiveError(f"table {error}") from None
+    """Write a table into a file; return a line that describes it."""
+    tables.put(text.encode(), path)
     return f"table     {path}: {text.count(chr(10)) - 1} rows"

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def words_of(flag: xr.DataArray | xr.Variable) -> list[str]:
-    """Return the word of every value of a flag; switches of records of version 0.2 are ``drag:abs``, here ``drag.abs``."""
+    """Return the word of every value of a flag, row by row; switches of records of version 0.2 are ``drag:abs``, here ``drag.abs``."""
     words = str(flag.attrs["flag_meanings"]).replace(":", ".").split()
     names = dict(zip(np.atleast_1d(flag.attrs["flag_values"]).tolist(), words, strict=True))
-    return [names[int(value)] for value in np.atleast_1d(np.asarray(flag))]
+    return [names[int(value)] for value in np.asarray(flag).ravel()]
 
 
 def in_prose(word: str) -> str:

@@ -168,7 +168,7 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
                 f"failed    {entry['name']} by {entry['method']}: {entry['observable']}, {entry['where']}:"
                 f" {numbers}{'; ' if entry['note'] else ''}{entry['note']}"
             )
-        elif word == "refused" and not int(ledger["case_stage"][k]):
+        elif word == "refused":
             yield f"refused   {entry['name']} by {entry['method']}: {entry['note']}"
     counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
     methods = dict.fromkeys(str(entry) for entry in ledger["case_method"].values)

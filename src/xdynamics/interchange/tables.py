@@ -1,0 +1,565 @@
+"""Records as tables with units in their headers: a row a step, event, level, case, term, member or parameter."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive import open_run, without_stale_units
+from xdynamics.archive.place import Given, Place
+from xdynamics.archive.stores import is_folder, taking_name
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.interchange.tree import NODES, tree
+from xdynamics.record.flag_words import words_of
+from xdynamics.record.folding import model_dimensions
+from xdynamics.record.unfolding import unfold
+from xdynamics.runtime.files import file_above
+from xdynamics.schema import (
+    AT,
+    AT_TIME,
+    BOUNDS,
+    CASE,
+    CLOSED_LINKS,
+    DOCUMENT,
+    EVENT_BOUNDS,
+    EVENTS,
+    EVIDENCE,
+    KINEMATIC,
+    LEVEL,
+    OCCURRENCE,
+    SAMPLES,
+    STEPS,
+    SWEEP,
+    TRIALS,
+)
+from xdynamics.shapes.naming import spoken
+from xdynamics.sweeping.collection import axes_said
+from xdynamics.units.digits import digits, scientific
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+MEMBERS, PARAMETERS = "members", "parameters"
+ROWS = {
+    "steps": STEPS, "trials": TRIALS, "events": EVENTS, "samples": SAMPLES, "closed": CLOSED_LINKS,
+    "cases": CASE, "terms": "term", "levels": LEVEL, "times": AT,
+}  # fmt: skip
+OF_LEVEL = ("", "difference_", "order_", "verdict_")  # of each observable, in this order
+FIRST = ("event_detector", "event_kind", "event_direction", "event_time", *(f"{EVENT_BOUNDS}_{end}" for end in ("lower", "upper")),
+         "event_time_uncertainty", "event_residual")  # fmt: skip
+DEFECT = "step_defect_"
+AHEAD = {"axis": 0, "time": 1}  # roles of what a row begins with
+HIDDEN = ("run_digest", "run_seal", "case_run")  # digests, on a terminal
+MOST_COLUMNS = 16_384  # of a sheet of a workbook
+MOST_SHOWN = 24  # rows on a terminal
+FORMS = {  # of numbers there, by words of their names; times as they are
+    ("time_bounds",): ".15g",
+    ("difference_", "uncertainty", "defect_", "_error", "error_", "residual", "bound", "_doubt"): ".3g",
+    ("order",): ".2f",
+    ("time",): ".15g",
+}
+MOST_OBSERVED = 12  # observables on a board
+WIDEST = 44  # letters of a cell there
+ENDINGS = (".csv", ".xlsx", ".parquet", ".md", ".tex")
+PACKAGES = {".xlsx": "openpyxl", ".parquet": "pyarrow"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    name : str
+    values : ndarray
+        Numbers, or texts.
+    units : str
+        Empty of texts, flags and counts.
+    variable : str
+        Of which it is.
+    """
+
+    name: str
+    values: NDArray[Any]
+    units: str
+    variable: str
+
+
+def kinds_of(data: xr.Dataset) -> list[str]:
+    """Return what tables of a Dataset can be of, what one asks for first at the beginning."""
+    if data.attrs.get(EVIDENCE) == SWEEP:
+        return [MEMBERS, PARAMETERS]
+    own = {*model_dimensions(data), BOUNDS, DOCUMENT, "memory"}
+    kinds = [kind for kind, dim in ROWS.items() if dim in data.dims]
+    kinds += [dim for dim in map(str, data.dims) if dim not in ROWS.values() and dim not in own]
+    return [*kinds, *([PARAMETERS] if any(_is_parameter(one) for one in data.variables.values()) else [])]
+
+
+def table(data: xr.Dataset, of: str | None = None, *, rounded: bool = False) -> pd.DataFrame:
+    """Return a table of a run or of evidence.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Anything that this package makes.
+    of : str, optional
+        What a row is of: ``steps``, ``trials``, ``events``, ``samples``, ``closed`` links, ``levels`` of a refinement,
+        ``cases`` of a ledger, ``terms`` of a budget, ``times``, ``members`` of a sweep, ``parameters``, or another
+        dimension by its name; by default the first of these that there are.
+    rounded : bool
+        Whether to round each number to the digits that the uncertainty beside it supports.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Headers like ``y [m]``; their units are in ``attrs["units"]`` too. Flags as their words. Of events: detector, kind,
+        direction, time, bracket, uncertainty, residual, then each quantity before and after. Of levels: of each observable
+        its value, the difference to the next finer level, the observed order and the verdict.
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/bouncing_ball.toml")
+    >>> run = xd.simulate(model, until=1.0)
+    >>> table(run, "events").columns[[3, 8, 9]].tolist()
+    ['event_time [s]', 'before_y [m]', 'after_y [m]']
+    """
+    import pandas as pd
+
+    kinds = kinds_of(data)
+    if not kinds:
+        raise InputError("this has no table: it has neither rows nor parameters")
+    kind = _meant(kinds[0] if of is None else of, kinds)
+    columns = [*_columns(data, kind)]
+    if rounded:
+        columns = _rounded(columns, data)
+    named = {_header(column): column for column in columns}
+    made = pd.DataFrame({name: column.values for name, column in named.items()})
+    made.attrs["units"] = {name: column.units or "1" for name, column in named.items()}
+    return made
+
+
+def frame(data: xr.Dataset, dim: str) -> pd.DataFrame:
+    """Return everything along one dimension, with columns named as the variables; see `Dynamics.frame`.
+
+    Raises
+    ------
+    InputError
+        If the record has no such dimension.
+    """
+    import pandas as pd
+
+    dimensions = [str(one) for one in data.dims if str(one) not in (BOUNDS, *model_dimensions(data))]
+    if dim not in dimensions:
+        raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")
+    columns = [*_along(_plain(data), (dim,))]
+    ahead = ("time", AT_TIME, f"{dim}_time")
+    columns.sort(key=lambda column: ahead.index(column.name) if column.name in ahead else len(ahead))
+    made = pd.DataFrame({column.name: column.values for column in columns})
+    made.index.name = dim
+    made.attrs["units"] = {column.name: column.units or "1" for column in columns}
+    return made
+
+
+def of_runs(paths: Sequence[Given]) -> pd.DataFrame:
+    """Return a table of archived runs, each opened and verified: a row a run, with how it was marched and how it ended.
+
+    Raises
+    ------
+    InputError, ArchiveError
+        As `open_run` does, and of what is no run.
+    """
+    import pandas as pd
+
+    rows, units = [], dict[str, str]()
+    for path in paths:
+        with open_run(path) as run:
+            if EVIDENCE in run.attrs or STEPS not in run.dims:
+                raise InputError(f"'{path}' is no run; of several files each is one")
+            unit = str(run["time"].attrs["units"])
+            row: dict[str, Any] = {
+                "file": str(path),
+                "run": str(run.attrs.get("title", "")),
+                "outcome": str(run.attrs["run_outcome"]),
+            }
+            row |= {word: run.attrs.get(f"solver_{word}") for word in ("method", "step", "rtol")}
+            row |= {"rows": run.sizes[STEPS], "rejected": run.sizes.get(TRIALS, 0), "events": run.sizes.get(EVENTS, 0)}
+            last = _plain(run.isel({STEPS: [-1]}))
+            row[f"end time [{unit}]"] = float(run["time"][-1])
+            units[f"end time [{unit}]"] = unit
+            for name, variable in last.variables.items():
+                if variable.dims == (STEPS,) and variable.attrs.get("role") in ("coordinate", "velocity", "state"):
+                    header = f"end {spoken(str(name))} [{variable.attrs['units']}]"
+                    row[header], units[header] = float(variable.values[0]), str(variable.attrs["units"])
+        rows.append(row)
+    made = pd.DataFrame(rows)
+    for name in ("step", "rtol"):
+        made[name] = made[name].astype(float)
+    made = made.dropna(axis="columns", how="all")
+    made.attrs["units"] = {name: units.get(name, "1") for name in made.columns}
+    return made
+
+
+def _meant(of: str, kinds: Sequence[str]) -> str:
+    """Return the table that a word stands for: ``event`` and ``events`` are the same."""
+    by_word = {word: kind for kind in kinds for word in (kind, ROWS.get(kind, kind), kind.removesuffix("s"))}
+    if of not in by_word:
+        raise InputError(f"there is no table of {of!r} here; there are {', '.join(kinds)}")
+    return by_word[of]
+
+
+def _is_parameter(variable: xr.Variable) -> bool:
+    return bool(variable.attrs.get("role") == "parameter")
+
+
+def _plain(data: xr.Dataset) -> xr.Dataset:
+    """Return a record with a variable an element, and no unit that does not hold."""
+    data = without_stale_units(data)
+    return unfold(data) if model_dimensions(data) else data
+
+
+def _columns(data: xr.Dataset, kind: str) -> Iterator[Column]:
+    if kind == PARAMETERS:
+        return _parameters(_plain(data))
+    plain = _plain(data)
+    if kind == MEMBERS:
+        return _along(plain, tuple(dim for dim in axes_said(plain) if dim in plain.dims))
+    dim = ROWS.get(kind, kind)
+    if dim == EVENTS and EVIDENCE not in data.attrs:
+        columns = {column.name: column for column in _along(tree(plain)["events"].to_dataset(), (dim,))}
+        sides = [(f"before_{name}", f"after_{name}") for name in map(str, plain.variables)]
+        ordered = [*FIRST, *(name for pair in sides for name in pair)]
+        return (columns[name] for name in dict.fromkeys([*ordered, *columns]) if name in columns)
+    if dim in NODES and EVIDENCE not in data.attrs:
+        plain = tree(plain)[NODES[dim]].to_dataset()
+    if dim == LEVEL and data.attrs.get(EVIDENCE) == "refinement":
+        return _levels(plain)
+    return _along(plain, (dim,))
+
+
+def _levels(study: xr.Dataset) -> Iterator[Column]:
+    """Yield the columns of a convergence record: what was varied, then of each observable what is said of it at a level."""
+    numbers = [name for name in map(str, study.variables) if f"difference_{name}" in study]
+    told = [f"{prefix}{name}" for name in numbers for prefix in OF_LEVEL]
+    beside = [name for name in map(str, study.variables) if name.startswith(("event_count_", DEFECT))]
+    names = [str(study.attrs["varied"]), *told, *beside, "run_outcome"]
+    return _along(study, (LEVEL,), [name for name in names if name in study])
+
+
+def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None = None) -> Iterator[Column]:
+    """Yield a column for each number that a row has; without `names` of all variables that lie along the rows."""
+    if names is None:
+        found = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
+        names = sorted(found, key=lambda name: AHEAD.get(str(data.variables[name].attrs.get("role")), len(AHEAD)))
+    shape = tuple(data.sizes[dim] for dim in rows)
+    for name in names:
+        variable = data.variables[name]
+        others = [str(dim) for dim in variable.dims if dim not in rows]
+        own = variable.transpose(*(dim for dim in rows if dim in variable.dims), *others)
+        values = _cells(own)
+        kept = tuple(data.sizes[dim] if dim in variable.dims else 1 for dim in rows)
+        beyond = values.shape[values.ndim - len(others) :]
+        spread = np.broadcast_to(values.reshape(*kept, *beyond), (*shape, *beyond))
+        flat = spread.reshape(int(np.prod(shape)), -1)
+        for number, place in enumerate(product(*(range(data.sizes[dim]) for dim in others))):
+            where = "".join(_where(data, dim, k) for dim, k in zip(others, place, strict=True))
+            units = str((data["event_time"] if name == EVENT_BOUNDS else variable).attrs.get("units", ""))
+            yield Column(f"{spoken(name)}{where}", flat[:, number], _shown(units, values, variable), name)
+
+
+def _cells(variable: xr.Variable) -> NDArray[Any]:
+    if "flag_meanings" in variable.attrs:
+        return np.array(words_of(variable), object).reshape(variable.shape)
+    return np.asarray(variable.values)
+
+
+def _shown(units: str, values: NDArray[Any], variable: xr.Variable) -> str:
+    """Return the unit of a column; that of counts, orders and texts is not said."""
+    pure = units == "1" and variable.attrs.get("role") not in (*KINEMATIC, "observable", "parameter", "time")
+    return units if values.dtype.kind == "f" and not pure else ""
+
+
+def _where(data: xr.Dataset, dim: str, k: int) -> str:
+    """Say which of several numbers along a further dimension a column has."""
+    if dim == AT:
+        unit = str(data.variables[AT_TIME].attrs.get("units", "1"))
+        said = f" at t = {float(np.atleast_1d(data.variables[AT_TIME].values)[k])!r}{'' if unit == '1' else f' {unit}'}"
+        return said if data.sizes[AT] > 1 else ""
+    if dim == BOUNDS:
+        return ("_lower", "_upper")[k]
+    if dim == OCCURRENCE:
+        return f"[{k + 1}]"
+    labels = data.variables.get(dim)
+    return f"[{k if labels is None else labels.values[k]}]"
+
+
+def _parameters(data: xr.Dataset) -> Iterator[Column]:
+    """Yield what is known of each parameter."""
+    own = [(str(name), one) for name, one in data.variables.items() if _is_parameter(one) and not one.ndim]
+    about_each: dict[str, Callable[[str, xr.Variable], Any]] = {
+        "parameter": lambda name, _: spoken(name),
+        "value": lambda _, one: float(one.values),
+        "units": lambda _, one: str(one.attrs.get("units", "1")),
+        "uncertainty": lambda _, one: float(one.attrs.get("uncertainty", np.nan)),
+        "uncertainty_kind": lambda _, one: str(one.attrs.get("uncertainty_kind", "")),
+        "description": lambda _, one: str(one.attrs.get("long_name", "")),
+    }
+    for word, take in about_each.items():
+        values = [take(name, one) for name, one in own]
+        if word in ("parameter", "value", "units", "description") or any(entry == entry and entry for entry in values):
+            yield Column(word, np.array(values, float if word in ("value", "uncertainty") else object), "", word)
+
+
+def _rounded(columns: Sequence[Column], data: xr.Dataset) -> list[Column]:
+    """Round numbers to the digits that the uncertainty beside them, in the table or of the finest level, supports."""
+    beside = {column.name: column.values for column in columns}
+    made = []
+    for column in columns:
+        doubt = _doubt(column, beside, data)
+        if doubt is None or column.values.dtype.kind != "f":
+            made.append(column)
+            continue
+        pairs = zip(column.values.tolist(), np.asarray(doubt, float).tolist(), strict=True)
+        made.append(replace(column, values=np.array([_to_digits(*pair) for pair in pairs])))
+    return made
+
+
+def _doubt(column: Column, beside: Mapping[str, NDArray[Any]], data: xr.Dataset) -> NDArray[Any] | None:
+    """Return the uncertainty of every number of a column; None if nothing tells it."""
+    words = [f"uncertainty_{column.name}", f"{column.name}_uncertainty"]
+    for word in (*words, *(["uncertainty"] if column.name == "value" else [])):
+        if word in beside:
+            return beside[word]
+    if (known := data.variables.get(f"uncertainty_{column.variable}")) is None:
+        return None
+    return np.full(len(column.values), np.abs(np.asarray(known.values, float)).max(initial=0.0))
+
+
+def _to_digits(value: float, doubt: float) -> float:
+    known = isfinite(value) and isfinite(doubt) and doubt > 0.0
+    return float(scientific(value, digits(value, uncertainty=doubt) - 1)) if known else value
+
+
+def lines_of(made: pd.DataFrame, width: int) -> Iterator[str]:
+    """Yield a table as lines for people: columns that do not fit stand below, each part with the first column again.
+
+    Times have all their digits, other numbers ten at most, differences and uncertainties three; of a long table the
+    first rows and the last are shown.
+    """
+    names = [str(name) for name in made.columns if name not in HIDDEN]
+    return _laid_out([[(name, name, made[name].to_numpy())] for name in names], width)
+
+
+def board_of(data: xr.Dataset, width: int) -> list[str]:
+    """Return the table that one would write on the board, of a refinement or a ledger; of other records no line.
+
+    Of a refinement a row a level: the step, and of each observable its value, the difference to the next finer level and
+    the observed order. Of a ledger a row a case.
+    """
+    kind = data.attrs.get(EVIDENCE)
+    if kind not in _BOARDS or any(variable.chunks is not None for variable in data.variables.values()):
+        return []
+    return [*_laid_out(_BOARDS[kind](_plain(data)), width)]
+
+
+Shown = tuple[str, str, NDArray[Any]]  # a header, the name by which numbers are formed, cells
+
+
+def _board_of_levels(study: xr.Dataset) -> list[list[Shown]]:
+    by_name = {column.name: column for column in _levels(study)}
+    observed = [column for column in by_name.values() if f"difference_{column.variable}" in study]
+    first = next(iter(by_name.values()))
+    groups: list[list[Shown]] = [[(_header(first), first.name, first.values)]]
+    for column in observed[:MOST_OBSERVED]:
+        beside = [(word, f"{word}_{column.name}") for word in ("difference", "order")]
+        own = [(word, name, by_name[name].values) for word, name in beside if name in by_name]
+        groups.append([(_header(column), column.name, column.values), *own])
+    defects = [column for column in by_name.values() if column.variable.startswith(DEFECT)]
+    groups += [
+        [(f"local error of {_header(column).removeprefix(DEFECT)}", column.name, column.values)]
+        for column in defects[:MOST_OBSERVED]
+    ]
+    return groups
+
+
+def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
+    wanted = {"case_name": "case", "verdict": "verdict", "residual": "residual", "bound": "bound", "case_units": "unit",
+              "case_observable": "observable", "case_method": "method"}  # fmt: skip
+    columns = {column.name: column.values for column in _along(ledger, (CASE,))}
+    if len({*columns["case_method"]}) == 1:
+        del wanted["case_method"]
+    return [[(header, name, columns[name])] for name, header in wanted.items()]
+
+
+_BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {"refinement": _board_of_levels, "ledger": _board_of_cases}
+
+
+def _header(column: Column) -> str:
+    return f"{column.name} [{column.units}]" if column.units else column.name
+
+
+def _laid_out(groups: Sequence[Sequence[Shown]], width: int) -> Iterator[str]:
+    """Yield lines of columns: groups that do not fit stand below, behind the first column."""
+    count = len(groups[0][0][2])
+    rows = [*range(count)]
+    if count > MOST_SHOWN:
+        rows = [*rows[: MOST_SHOWN // 2], *rows[-MOST_SHOWN // 2 :]]
+    texts = [[_texts(header, name, values[rows]) for header, name, values in group] for group in groups]
+    key, parts = texts[0], [[*texts[0]]]
+    for group in texts[1:]:
+        if _width(parts[-1]) + 2 + _width(group) > width and parts[-1] != key:
+            parts.append([*key])
+        parts[-1] += group
+    for number, part in enumerate(parts):
+        if number:
+            yield ""
+        for k in range(len(rows) + 1):
+            if k == MOST_SHOWN // 2 + 1 and count > MOST_SHOWN:
+                yield f"… {count - MOST_SHOWN} rows more"
+            yield "  ".join(column[k] for column in part).rstrip()
+
+
+def _width(columns: Sequence[Sequence[str]]) -> int:
+    return sum(len(column[0]) + 2 for column in columns) - 2
+
+
+def _texts(header: str, name: str, values: NDArray[Any]) -> list[str]:
+    """Return a header and cells of one width: numbers to the right, words to the left."""
+    if values.dtype.kind == "f":
+        form = next((form for words, form in FORMS.items() if any(word in name for word in words)), ".10g")
+        cells = ["" if np.isnan(one) else f"{one:{form}}" for one in values.tolist()]
+    else:
+        texts = (" ".join(str(one).split()) for one in values.tolist())
+        cells = [text if len(text) <= WIDEST else f"{text[: WIDEST - 1]}…" for text in texts]
+    size = max(map(len, [header, *cells]))
+    side = ">" if values.dtype.kind in "iuf" else "<"
+    return [f"{cell:{side}{size}}" for cell in (header, *cells)]
+
+
+def check_target(path: Place, endings: Sequence[str] = ENDINGS) -> Place:
+    """Check that a table can be written to a path.
+
+    Raises
+    ------
+    InputError
+        Naming it, or the package that its kind needs.
+    """
+    ending = path.suffix.lower()
+    if is_folder(path):
+        raise InputError(f"table '{path}' is a directory; name a file")
+    if ending not in endings:
+        raise InputError(f"table '{path}' has the ending '{path.suffix}'; there are {', '.join(endings)}")
+    if isinstance(path, Path) and not path.parent.is_dir():
+        why = file_above(path) or f"there is no folder '{path.parent}'"
+        raise InputError(f"table '{path}' cannot be written: {why}")
+    if ending in PACKAGES:
+        _needed(ending)
+    return path
+
+
+def _needed(ending: str) -> None:
+    from importlib.util import find_spec
+
+    if find_spec(PACKAGES[ending]) is None:
+        raise InputError(
+            f"{ending} needs {PACKAGES[ending]}, which is not installed: pip install 'xdynamics[tables]'; .csv, .md and"
+            " .tex need nothing"
+        )
+
+
+def write(made: pd.DataFrame, path: Place) -> str:
+    """Write a table into a file of the kind that its ending says; return a line that describes it.
+
+    Raises
+    ------
+    InputError
+        If the table is wider than a sheet of a workbook.
+    ArchiveError
+        If it cannot be written.
+    """
+    put(_WRITERS[path.suffix.lower()](made), path)
+    return f"table     {path}: {len(made)} rows, {len(made.columns)} columns"
+
+
+def put(content: bytes, path: Place) -> None:
+    """Write a file, whole or not at all.
+
+    Raises
+    ------
+    ArchiveError
+        If it cannot be written.
+    """
+    try:
+        with taking_name(path) as new:
+            new.part.write_bytes(content)
+    except ArchiveError as error:
+        raise ArchiveError(f"table {error}") from None
+
+
+def _csv(made: pd.DataFrame) -> bytes:
+    return str(made.to_csv(index=False, lineterminator="\n")).encode()
+
+
+def _workbook(made: pd.DataFrame) -> bytes:
+    if len(made.columns) > MOST_COLUMNS:
+        raise InputError(
+            f"the table has {len(made.columns)} columns, and a workbook {MOST_COLUMNS} at most; write .csv"
+        )
+    import pandas as pd
+
+    content = io.BytesIO()
+    with pd.ExcelWriter(content, engine="openpyxl") as writer:
+        made.to_excel(writer, index=False)
+        for sheet in writer.sheets.values():
+            for cell in (cell for row in sheet.iter_rows() for cell in row if cell.data_type == "f"):
+                cell.data_type = "s"  # a text that begins with = is no formula
+    return content.getvalue()
+
+
+def _parquet(made: pd.DataFrame) -> bytes:
+    content = io.BytesIO()
+    made.to_parquet(content, index=False, engine="pyarrow")
+    return content.getvalue()
+
+
+def _markdown(made: pd.DataFrame) -> bytes:
+    rows = [[*map(str, made.columns)], ["---" if made[name].dtype.kind == "O" else "---:" for name in made.columns]]
+    rows += [[*map(_cell, row)] for row in made.itertuples(index=False)]
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |\n" for row in rows).encode()
+
+
+def _latex(made: pd.DataFrame) -> bytes:
+    sides = "".join("l" if made[name].dtype.kind == "O" else "r" for name in made.columns)
+    rows = [[*map(str, made.columns)], *([*map(_cell, row)] for row in made.itertuples(index=False))]
+    lines = [" & ".join(map(_escaped, row)) + r" \\" for row in rows]
+    body = [rf"\begin{{tabular}}{{{sides}}}", r"\hline", lines[0], r"\hline", *lines[1:], r"\hline", r"\end{tabular}"]
+    return ("\n".join(body) + "\n").encode()
+
+
+def _cell(value: Any) -> str:
+    return "" if value != value else repr(value) if isinstance(value, float) else " ".join(str(value).split())
+
+
+def _escaped(text: str) -> str:
+    """Return a text as LaTeX prints it."""
+    named = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    return "".join(named.get(letter, "\\" + letter if letter in "&%$#_{}" else letter) for letter in text)
+
+
+_WRITERS: dict[str, Callable[[Any], bytes]] = {
+    ".csv": _csv, ".xlsx": _workbook, ".parquet": _parquet, ".md": _markdown, ".tex": _latex,
+}  # fmt: skip
