@@ -49,6 +49,7 @@ VERBS = {
     "sample": ("run.nc --times '0.1 s, 0.2 s' -o table.csv", "states"),
     "enclose": ("spring.toml --until '0.1 s' --order 8 -o tube.nc", "enclosure"),
     "methods": ("", "methods"),
+    "modes": ("ball.toml -o modes.nc", "modes"),
 }
 # verbs that write files or words, and yield no number
 NUMBERLESS = {"animate", "bundle", "discard", "help", "new", "plot", "report", "sign"}

@@ -398,7 +398,7 @@ def test_methods_refuse_what_they_do_not_claim() -> None:
 
 
 def test_a_ledger_in_words() -> None:
-    """Assert what failed with figures and scale, refusals of a model's own closed forms alone, and counts."""
+    """Assert what failed with figures and scale, what was refused and why, and counts."""
     texts = {
         "name": ["a", "b", "c", "d"],
         "method": ["rk4"] * 3 + ["heun"],
@@ -425,6 +425,7 @@ def test_a_ledger_in_words() -> None:
         "failed    a by rk4: y, t = 1 s: residual 2 mm, bound 1 mm, scaled 0.5 by 4 mm",
         "failed    b by rk4: y, t = 1 s: residual inf mm, bound 0 mm; late",
         "refused   c by rk4: never",
+        "refused   d by heun: own",
         "ledger    4 cases of 2 methods: 0 passed, 2 failed, 2 refused",
     ]
 
@@ -721,3 +722,20 @@ def test_bounds_are_what_the_notes_say(bound: str, method: str, step: str) -> No
     assert found.bound.values == pytest.approx([wanted], rel=1e-9)
     assert found.residual.values == pytest.approx([off[-part:].max() if bound == "band" else off.max()], rel=1e-9)
     assert found.residual_scale.values == pytest.approx([1.0], rel=0.2)
+
+
+def test_a_model_is_marched_as_it_is_asked() -> None:
+    """Assert a step in the place of a tolerance and the other way, another end, and that the ledger's own cases have their own."""
+    model = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    ledger = xd.validate(model, step="5 ms", until="1 s")
+    assert str(ledger.case_where[0].item()).startswith("1 impact")
+    assert xd.validate(["dop853"], model, rtol=1e-8, until="1 s").case_method[0] == "dop853"
+    for wrong, words in (
+        ({"step": "-1 ms"}, "step is"),
+        ({"rtol": "abc"}, "rtol is 'abc'"),
+        ({"until": "1 kg"}, "has units 'kg'"),
+    ):
+        with pytest.raises(xd.InputError, match=words):
+            xd.validate(model, **wrong)
+    with pytest.raises(xd.InputError, match="step and rtol are for a model, and none is given"):
+        xd.validate(["heun"], step="1 ms", rtol=1e-3)

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator, particle
 from cases.verdicts import verified
+from xdynamics.cli import main
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions.evaluation import evaluate
@@ -285,3 +287,24 @@ def test_modes_are_told_in_words() -> None:
     assert "modes     2; 1 rigid motion; 1 does not oscillate" in balanced
     assert "growth    4.589 s-1" in balanced
     assert "growth" not in "\n".join(summary(modes(loaded("toda_chain"))))  # 1e-8 of a double zero is rounding
+
+
+def test_the_command_prints_frequencies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert a row a mode above the summary, about a row of an archived run too, and one line for what has no rows."""
+    monkeypatch.chdir(tmp_path)
+    model = str(MODELS / "coupled_masses.toml")
+    done = CliRunner().invoke(main, ["modes", model, "-o", "modes.nc"])
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert lines[2].split()[:2] == ["frequency", "[rad"]
+    assert [line.split()[0] for line in lines[3:5]] == ["2", "3"]
+    xd.simulate(xd.Model.from_toml(model), until="0.1 s", path="run.nc")
+    assert "about     the state at t = 0.1 s" in CliRunner().invoke(main, ["modes", "run.nc", "--row", "-1"]).output
+    for wrong in (
+        ["modes", model, "--row", "2"],
+        ["modes", "run.nc", "--row", "1000000"],
+        ["modes", model, "--set", "foo=1"],
+    ):
+        done = CliRunner().invoke(main, wrong)
+        assert done.exit_code == 2
+        assert done.output.startswith("xdynamics: ")

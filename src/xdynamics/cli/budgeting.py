@@ -60,7 +60,7 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @of_a_number
 @click.option("--draws", type=int, default=0, show_default=True, help="Draws of the Monte Carlo check.")
 @click.option(
@@ -81,7 +81,7 @@ def budget(model_file: str, output: str | None, changes: tuple[str, ...], **name
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @of_a_number
 @click.option("--draws", type=int, default=10_000, show_default=True, help="Draws of the Monte Carlo check.")
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to write the certificate.")
@@ -165,7 +165,7 @@ def _evidence(
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @click.argument("data", metavar="DATA...", nargs=-1, required=True)
 @click.option(
     "--parameter",

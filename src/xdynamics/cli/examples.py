@@ -20,6 +20,7 @@ EXAMPLES = {
     "fit": "xdynamics fit data/models/bench_pendulum.toml bench.csv --parameter length --parameter damping -o fit.nc",
     "help": "xdynamics help events",
     "methods": "xdynamics methods dop853",
+    "modes": "xdynamics modes data/models/coupled_masses.toml",
     "new": "xdynamics new pendulum.toml",
     "plot": "xdynamics plot orbit.nc; xdynamics plot orbit.nc -o orbit.pdf --only plane,energy",
     "recheck": "xdynamics recheck apogee",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @click.option("-o", "--output", metavar="R.nc", help="Where to write the refinement.")
 @click.option("--step", help="The coarsest step, like '10 ms'.")
 @click.option("--rtol", help="The coarsest relative tolerance, like 1e-4, in place of a step.")
@@ -236,6 +236,9 @@ def diagnose(
     metavar="NAME",
     help="A method; by default all of them, or the one in the model's [run].",
 )
+@click.option("--step", metavar="TIME", help="The step of a model's run, in the place of what its [run] says.")
+@click.option("--until", metavar="TIME", help="Its end, likewise.")
+@click.option("--rtol", metavar="NUMBER", help="Its relative tolerance, likewise, in the place of a step.")
 @click.option("--impacts", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
 @click.option("--proven", is_flag=True, help="Also compare the model's run, with a fixed step, with proven bounds.")
 @KEPT
@@ -252,6 +255,36 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
     ledger = made(validated, list(methods) or None, model, **more)
     _kept(ledger, lines_of, output)
     sys.exit(BADLY if (ledger["verdict"] == FAILED).any() else DONE)
+
+
+@main.command()
+@click.argument("subject", metavar="MODEL.toml|RUN.nc")
+@click.option(
+    "--row",
+    type=int,
+    metavar="N",
+    help="Of a run, the row about which; from the end if negative. By default the first.",
+)
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@click.option("-o", "--output", metavar="M.nc", help="Where to write the modes.")
+@json_option
+def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | None) -> None:
+    """Linearise a model about its start, or a run about one of its rows: frequencies, eigenvalues, stable steps."""
+    from xdynamics.archive import open_run
+    from xdynamics.evidence.modes import modes as linearised
+    from xdynamics.evidence.modes_summary import lines_of
+    from xdynamics.faults import InputError
+
+    _check(output)
+    if row is None:
+        found = linearised(changed_model(subject, values))
+    elif not subject.endswith(".nc") or values:
+        raise InputError(
+            f"--row {row} is for an archived run{' as it is, without --set' if values else ''}; give RUN.nc"
+        )
+    else:
+        found = linearised(open_run(subject), row=row)
+    _kept(found, lines_of, output)
 
 
 @main.command()

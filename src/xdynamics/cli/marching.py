@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
 @click.option(
     "--set",
@@ -47,7 +47,7 @@ def run(
     tables: str,
     **given: Any,
 ) -> None:
-    """March a model file and archive the run.
+    """March a model file and archive the run; of an archived run its model, with the settings of that run.
 
     A long run keeps its finished segments beside the archive until it is complete; --resume continues from them.
     """
@@ -135,8 +135,17 @@ def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "belo
     """Read a model file, and apply the changes of `--set`."""
     from xdynamics.model import Model
 
-    model = Model.from_toml(model_file, tables=tables)
+    model = _recorded(model_file) if model_file.endswith(".nc") else Model.from_toml(model_file, tables=tables)
     return model.replace(**_changed(model, pairs(changes, "--set"))) if changes else model
+
+
+def _recorded(archive: str) -> Model:
+    """Return the model of an archived run, with the settings of that run."""
+    from xdynamics.archive import open_run
+    from xdynamics.simulation.recorded_runs import model_of_run
+
+    with open_run(archive) as run:
+        return model_of_run(run)
 
 
 def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:

@@ -76,7 +76,7 @@ def _next(path: str) -> Iterator[str]:
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @click.option(
     "--tables", type=click.Choice(["below", "anywhere"]), default="below", help="Where the model may take tables from."

@@ -147,7 +147,7 @@ def reproduce(archive: str) -> None:
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @click.option("-o", "--output", metavar="E.nc", help="Where to write the bounds.")
 @click.option(
     "--until", metavar="TIME", help="Up to which time to prove; by default the last --at, or the model's own."

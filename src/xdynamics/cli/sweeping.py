@@ -18,7 +18,7 @@ from xdynamics.faults import InputError
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml")
+@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
 @click.option(
     "-o",
     "--output",

@@ -25,6 +25,7 @@ ALSO = {
     "sweep": ("scan", "ensemble", "grid", "parameter", "parameters", "montecarlo", "batch"),
     "sample": ("interpolate", "at"),
     "table": ("export", "csv", "xlsx", "excel", "frame", "latex"),
+    "modes": ("eigenvalues", "frequencies", "linearise", "linearize", "stability"),
     "methods": ("solvers", "method", "integrators", "list"),
     "extend": ("continue", "resume", "longer"),
     "reproduce": ("rerun", "replay", "again"),

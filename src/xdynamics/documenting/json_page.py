@@ -4,7 +4,7 @@ JSON_PAGE = """\
 With --json standard output holds one JSON object in one line and nothing else; warnings and errors
 go to standard error, and exit codes stay. These have it: run, extend, complete, show, check,
 sample, table, sweep, fit, budget, certify, recheck, refine, compare, diagnose, validate, verify,
-reproduce, enclose, methods.
+reproduce, enclose, methods, modes.
   xdynamics fit pendulum.toml bench.csv --parameter L --json | jq '.variables.estimate.values'
   xdynamics show fit.nc --json | jq '.variables | [.parameter_name.values, .estimate.values]'
   xdynamics budget ball.toml --quantity y --at "1 s" --json | jq -r '.variables.result.values'

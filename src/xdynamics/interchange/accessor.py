@@ -22,14 +22,18 @@ from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record.variable_attributes import without_bounds
 from xdynamics.schema import EVENTS, KINEMATIC, STEPS
+from xdynamics.simulation.recorded_runs import model_of_run
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     import pandas as pd
     import xarray as xr
 
     from xdynamics.archive.place import Given
     from xdynamics.figures.film import Film
     from xdynamics.figures.picture import Picture
+    from xdynamics.model import Model
 
 teach()  # whoever imported pint-xarray too
 show_pages()
@@ -153,6 +157,10 @@ class Dynamics:
         (2, 2)
         """
         return tree(self._run)
+
+    def model(self, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+        """Return the run's model, with the settings that it was marched with as its `[run]`; see `simulate`."""
+        return model_of_run(self._run, functions)
 
     @property
     def solution(self) -> Solution:

@@ -365,7 +365,7 @@ def lines_of(made: pd.DataFrame, width: int) -> Iterator[str]:
 
 
 def board_of(data: xr.Dataset, width: int) -> list[str]:
-    """Return the table that one would write on the board, of a refinement or a ledger; of other records no line.
+    """Return the table that one would write on the board, of a refinement, a ledger or modes; of other records no line.
 
     Of a refinement a row a level: the step, and of each observable its value, the difference to the next finer level and
     the observed order. Of a ledger a row a case.
@@ -373,7 +373,8 @@ def board_of(data: xr.Dataset, width: int) -> list[str]:
     kind = data.attrs.get(EVIDENCE)
     if kind not in _BOARDS or any(variable.chunks is not None for variable in data.variables.values()):
         return []
-    return [*_laid_out(_BOARDS[kind](_plain(data)), width)]
+    groups = _BOARDS[kind](_plain(data))
+    return [*_laid_out(groups, width)] if groups else []
 
 
 Shown = tuple[str, str, NDArray[Any]]  # a header, the name by which numbers are formed, cells
@@ -405,7 +406,16 @@ def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
     return [[(header, name, columns[name])] for name, header in wanted.items()]
 
 
-_BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {"refinement": _board_of_levels, "ledger": _board_of_cases}
+def _board_of_modes(modes: xr.Dataset) -> list[list[Shown]]:
+    columns = [*_along(modes, ("mode",))][:MOST_OBSERVED]
+    return [[(_header(column), column.name, column.values)] for column in columns] if modes.sizes.get("mode") else []
+
+
+_BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
+    "refinement": _board_of_levels,
+    "ledger": _board_of_cases,
+    "modes": _board_of_modes,
+}
 
 
 def _header(column: Column) -> str:

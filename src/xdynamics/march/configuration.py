@@ -150,6 +150,21 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
     return replace(settings_for(model, **asked), **RECORDING)
 
 
+def with_run(model: Model, section: Mapping[str, Any]) -> Model:
+    """Return a model with other defaults as its `[run]`."""
+    return model.with_statement(replace(model.statement, run=dict(section)))
+
+
+def rerun(model: Model, **asked: Any) -> Model:
+    """Return a model whose `[run]` has some other settings: a step in the place of tolerances, or these in that of a step."""
+    given = {name: value for name, value in asked.items() if value is not None}
+    if not given:
+        return model
+    return with_run(
+        model, {name: value for name, value in _joined(model.run, given).items() if name in given or name in model.run}
+    )
+
+
 def _joined(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
     """Join the two; a requested step overrides the defaults' tolerances, and requested tolerances their step."""
     requested = {key: _in_unit_of(defaults.get(key), value) for key, value in requested.items()}

@@ -157,16 +157,17 @@ class Model(ModelTrees):
     @classmethod
     def from_record(
         cls,
-        text: str,
+        text: Any,
         *,
         functions: Mapping[str, Callable[..., float]] | None = None,
         about: Authorship = NOBODY,
     ) -> Model:
-        """Read a model from the `model_toml` of a record, or `to_toml`, which may be as long as tables of 10^6 rows are.
+        """Read a model from a run, or its `model_toml`, or `to_toml`, which may be as long as tables of 10^6 rows are.
 
         Parameters
         ----------
-        text : str
+        text : str, or xarray.Dataset
+            Of a Dataset the model has the settings that the run was marched with as its `[run]`.
         functions : mapping of str to callable, optional
             The Python functions that its forces call.
         about : Authorship, optional
@@ -177,6 +178,13 @@ class Model(ModelTrees):
         ModelError
             If the text cannot be read, or with every fault of its statement.
         """
+        if not isinstance(text, str):
+            if not hasattr(text, "dynamics"):
+                raise ModelError(
+                    f"a record is {str(text)[:40]!r}, needs a run, as open_run returns one, or its model_toml"
+                )
+            of_run: Model = text.dynamics.model(functions)  # of the floor above, which knows records
+            return of_run
         model = cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
         return model if about == model.about else model.with_statement(with_parts(model.statement, about=about))
 

@@ -17,6 +17,7 @@ from xdynamics.model import Model
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.partial_records import is_run, kind_description
 from xdynamics.record.size import check_room
+from xdynamics.simulation.recorded_runs import changed_model
 from xdynamics.simulation.records import check_destination, marched_record
 from xdynamics.simulation.stability_warnings import warn_of_instability
 from xdynamics.simulation.unmarched_runs import unmarched_run
@@ -31,8 +32,11 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    model: Model,
+    model: Model | xr.Dataset,
     *,
+    # what is changed in the model
+    parameters: Mapping[str, str | float] | None = None,
+    initial: Mapping[str, str | float] | None = None,
     # the march
     method: str | None = None,
     until: str | float | None = None,
@@ -78,7 +82,10 @@ def simulate(
 
     Parameters
     ----------
-    model : Model
+    model : Model, or xarray.Dataset
+        Of a run, its model is marched with the settings that the run was marched with, but for those that are given.
+    parameters, initial : mapping of str to str or float, optional
+        Numbers of the model that are changed first, as by `Model.replace`: ``{"vt": "35 m s-1"}``.
     method : str
         Name of a method; `xdynamics methods` lists them. Like all that follows but arrays, it may stand in `[run]`.
     until : str or float
@@ -222,7 +229,9 @@ def simulate(
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
-    settings = settings_for(model, **{name: value for name, value in locals().items() if name in KEYWORDS})
+    asked = {name: value for name, value in locals().items() if name in KEYWORDS}
+    model = changed_model(model, parameters=parameters, initial=initial)
+    settings = settings_for(model, **asked)
     check_destination(path, resume=resume)
     wanted = (
         None if times is None else times_within(times, model.time_unit, model.statement.initial["t"].si, settings.until)

@@ -19,6 +19,7 @@ from xdynamics.evidence.validating.proven_bounds import beside_bounds, rows_of_b
 from xdynamics.evidence.validating.worst_elements import MOST_ALONE
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
+from xdynamics.march.configuration import rerun
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Validation
@@ -39,6 +40,9 @@ def validate(
     methods: Sequence[str] | str | Model | None = None,
     model: Model | None = None,
     *,
+    step: str | float | None = None,
+    until: str | float | None = None,
+    rtol: float | None = None,
     impacts: int | None = None,
     proven: bool = False,
     keep: str | Path | None = None,
@@ -54,6 +58,8 @@ def validate(
         A model with closed forms, ``[validation.<name>]``; by default the ledger's own cases: zero force, constant
         acceleration, linear drag, linear oscillator, a long oscillation, zero coupling, normal modes alone and
         together, a drive of time, impact, resting contact, dry friction, unit scaling, a motion within proven bounds.
+    step, until, rtol : str or float, optional
+        With which a model is marched in the place of what its `[run]` says; a step in the place of a tolerance too.
     impacts : int, optional
         How many relations of impacts to list of a model with contacts; where a run has fewer they are refused. By
         default as many as it has.
@@ -103,6 +109,13 @@ def validate(
     if isinstance(methods, Model) and model is None:
         methods, model = None, methods
     names = _names(methods, model, impacts)
+    marched = {"step": step, "until": until, "rtol": rtol}
+    if model is not None:
+        model = rerun(model, **marched)
+    elif given := [name for name, value in marched.items() if value is not None]:
+        raise InputError(
+            f"{' and '.join(given)} {'is' if len(given) == 1 else 'are'} for a model, and none is given: the ledger's own cases have their own"
+        )
     cases = _own(names) if model is None else _of_model(model, names, impacts, proven=proven is True)
     title = EXACT_CASES if model is None else f"validation of {model.name}"
     kept = Keep.of(keep)

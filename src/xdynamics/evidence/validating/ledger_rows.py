@@ -12,6 +12,7 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over
+from xdynamics.faults import few
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, flags
 from xdynamics.shapes import spoken
@@ -145,8 +146,9 @@ def _counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:
 
 
 def lines_of(ledger: xr.Dataset) -> Iterator[str]:
-    """Describe a ledger line by line: each failed case, and how many passed."""
+    """Describe a ledger line by line: each failed case, what was refused and why, and how many passed."""
     words = words_of(ledger["verdict"])
+    refused: dict[tuple[str, str], list[str]] = {}
     for k, word in enumerate(words):
         entry = {
             name: str(ledger[f"case_{name}"][k].item())
@@ -169,7 +171,9 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
                 f" {numbers}{'; ' if entry['note'] else ''}{entry['note']}"
             )
         elif word == "refused":
-            yield f"refused   {entry['name']} by {entry['method']}: {entry['note']}"
+            refused.setdefault((entry["method"], entry["note"]), []).append(entry["name"])
+    for (method, note), names in refused.items():
+        yield f"refused   {few(names)} by {method}: {note}"
     counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
     methods = dict.fromkeys(str(entry) for entry in ledger["case_method"].values)
     yield f"ledger    {len(words)} cases of {len(methods)} method{'s' * (len(methods) > 1)}: {counts}"
