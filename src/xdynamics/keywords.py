@@ -6,7 +6,7 @@ Each entry has one name, which is the keyword of `simulate`, the key of `[run]`,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import wraps
@@ -118,7 +118,15 @@ KEYWORDS = {
     )
 }  # fmt: skip
 FULL, STATES = "full", "states"  # logs
+PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")  # limits of steps that are chosen
 IN_FILES = tuple(name for name, keyword in KEYWORDS.items() if keyword.example)
+
+
+def joined(defaults: Mapping[str, Any], requested: Mapping[str, Any]) -> dict[str, Any]:
+    """Join settings with others: a requested step takes the place of the defaults' tolerances, and these that of their step."""
+    tolerant = "rtol" in requested or "atol" in requested
+    replaced = ("step",) if tolerant else ("step", "rtol", "atol", *PACING) if "step" in requested else ()
+    return {name: value for name, value in defaults.items() if name not in replaced} | {**requested}
 
 
 # words that other libraries have for ours, and where what is asked for is said here

@@ -42,11 +42,11 @@ def test_rows_by_time() -> None:
     """Assert rows of a span, one row, and both rows of an event, and the KeyError that the page quotes."""
     run = xd.simulate(ball())
     assert run.sel(time=slice(0.5, 1.0)).time.values.tolist() == [0.5, 0.625, 0.75, 0.875, 1.0]
-    assert float(run.sel(time=1.0).y.squeeze()) == float(run.dynamics.at("1 s").y[0])
+    assert float(run.sel(time=1.0).y.squeeze()) == float(run.dynamics.at("1 s").y)
     assert run.sel(time=float(run.event_time[0])).sizes["step"] == 2
     with pytest.raises(KeyError, match=quoted("not all values")):
         run.sel(time=1.01)
-    assert float(run.dynamics.at(1.01).y[0]) == pytest.approx(10.0 - 9.81 / 2.0 * 1.01**2, rel=1e-12)
+    assert float(run.dynamics.at(1.01).y) == pytest.approx(10.0 - 9.81 / 2.0 * 1.01**2, rel=1e-12)
 
 
 def test_what_xarray_refuses_by_time() -> None:
@@ -80,7 +80,7 @@ def test_errors_by_time_name_what_gives_states(ask: Callable[[xr.Dataset], objec
     (note,) = refused.value.__notes__
     call = re.findall(r"run(\.dynamics\.at\(.*?\))", note)[0]
     assert call == ".dynamics.at(1.01)"
-    assert run.dynamics.at(1.01).sizes["at"] == 1
+    assert run.dynamics.at(1.01).at_time == 1.01
 
 
 @pytest.mark.parametrize(

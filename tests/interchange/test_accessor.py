@@ -153,3 +153,14 @@ def test_what_is_no_whole_run_is_described(run: xr.Dataset, part: Any, said: str
     assert f"kind      {said}" in lines
     assert not [line for line in lines if line.startswith(("event ", "end "))]
     assert said in part(run).dynamics._repr_html_()
+
+
+def test_states_at_one_time_are_numbers(run: xr.Dataset) -> None:
+    """Assert that a time gives a number of each quantity, and a row of times, of one too, an array along `at`."""
+    for time in (0.5, "0.5 s", np.float64(0.5), "500 ms"):
+        states = run.dynamics.at(time)
+        assert dict(states.sizes) == {}
+        assert float(states.y) == float(xd.sample(run, [0.5]).y[0])
+        assert float(states.at_time) == 0.5
+    for times in ([0.5], "0.5 s, 0.6 s", "0:1:3 s"):
+        assert "at" in run.dynamics.at(times).dims

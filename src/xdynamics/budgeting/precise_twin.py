@@ -10,7 +10,8 @@ import numpy as np
 from xdynamics.budgeting.measurand import TIME, Measurand
 from xdynamics.evidence.runs import march
 from xdynamics.faults import InputError
-from xdynamics.march.configuration import PACING, settings_for
+from xdynamics.keywords import PACING
+from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, NO_ESTIMATE
 from xdynamics.methods.summation import PLAIN
 

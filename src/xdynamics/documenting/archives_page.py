@@ -35,8 +35,8 @@ run.where(…), groupby and concat meet numbers alone. run.model_toml.item() is 
   xr.concat([a, b], "member", coords="different", compat="equals")   runs with as many rows
 By time. Rows are accepted steps, wherever those ended, and at an event there are two at one time,
 before and after it.
-  run.dynamics.at("1 s")            states at any time, each as if a step had ended there; also
-                                    [0.1, 0.2], "0:2:201 s"
+  run.dynamics.at("1 s")            states at any time, each as if a step had ended there: numbers;
+                                    along `at` of [0.1, 0.2] or "0:2:201 s"
   run.sel(time=slice(0.5, 1.0))     the rows from 0.5 s to 1 s
   run.sel(time=1.0)                 rows that end there exactly, two at an event; a KeyError
                                     `not all values found in index 'time'` says that no step ended

@@ -21,7 +21,7 @@ from xdynamics.record.flag_words import words_of
 from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record.variable_attributes import without_bounds
-from xdynamics.schema import EVENTS, KINEMATIC, STEPS
+from xdynamics.schema import AT, EVENTS, KINEMATIC, STEPS
 from xdynamics.simulation.recorded_runs import model_of_run
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Dynamics:
     --------
     >>> import xdynamics as xd
     >>> run = xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), method="dop853", rtol=1e-9)
-    >>> float(run.dynamics.at("1 s").y.round(4)[0])
+    >>> float(run.dynamics.at("1 s").y.round(4))
     13.709
     >>> run.dynamics.events("apex").event_time.round(6).values.tolist()
     [1.798787]
@@ -71,8 +71,13 @@ class Dynamics:
         return page(self._run)
 
     def at(self, times: Any, **how: Any) -> xr.Dataset:
-        """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
-        return self._in_kind(sample(self._run, times, **how))
+        """Return the states at any times inside the run; see `xdynamics.sample`.
+
+        At one time, ``"1 s"`` or 1.0, each is one number; at ``[0.1, 0.2]`` or ``"0:20:201 s"`` they lie along `at`.
+        """
+        states = self._in_kind(sample(self._run, times, **how))
+        is_one = np.ndim(times) == 0 and not {":", ","} & {*str(times)}
+        return states.isel({AT: 0}) if is_one else states
 
     def events(self, name: str | None = None) -> xr.Dataset:
         """Return the located events, or those of one name, with the states on both sides.

@@ -13,7 +13,7 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, meant, number
+from xdynamics.keywords import FULL, KEYWORDS, PACING, STATES, columns_of, joined, meant, number
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED
 from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import OF_TERMS, Tolerances, least_rtol
@@ -45,7 +45,6 @@ RECORDING: dict[str, Any] = {
     "log": FULL,
     "compress": False,
 }  # settings that concern the record alone, and their values for a complete one
-PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
 def settings_for(model: Model, **asked: Any) -> Settings:
@@ -156,24 +155,15 @@ def with_run(model: Model, section: Mapping[str, Any]) -> Model:
 
 
 def rerun(model: Model, **asked: Any) -> Model:
-    """Return a model whose `[run]` has some other settings: a step in the place of tolerances, or these in that of a step."""
+    """Return a model whose `[run]` has some other settings."""
     given = {name: value for name, value in asked.items() if value is not None}
-    if not given:
-        return model
-    return with_run(
-        model, {name: value for name, value in _joined(model.run, given).items() if name in given or name in model.run}
-    )
+    return with_run(model, joined(model.run, given)) if given else model
 
 
 def _joined(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
-    """Join the two; a requested step overrides the defaults' tolerances, and requested tolerances their step."""
+    """Join the two, and what holds where neither says it."""
     requested = {key: _in_unit_of(defaults.get(key), value) for key, value in requested.items()}
-    kept = dict(defaults)
-    tolerant = "rtol" in requested or "atol" in requested
-    if tolerant or "step" in requested:
-        for key in ("step",) if tolerant else ("step", "rtol", "atol", *PACING):
-            kept.pop(key, None)
-    return {"force_samples": "all", "scales": None} | kept | requested
+    return {"force_samples": "all", "scales": None} | joined(defaults, requested)
 
 
 def _in_unit_of(default: Any, value: Any) -> Any:

@@ -260,15 +260,18 @@ class Model(ModelTrees):
         model._hold(statement, dimensions, Shapes(), None)
         return model
 
-    def replace(self, **sections: Mapping[str, Any]) -> Model:
-        """Return a model with some entries of some sections replaced.
+    def replace(self, **sections: Mapping[str, Any] | str) -> Model:
+        """Return a model with some entries of some sections replaced, added, or taken away.
 
-        A bare number takes the unit of the entry: ``model.replace(parameters={"c": 2e-3})``.
+        A bare number takes the unit of the entry: ``model.replace(parameters={"c": 2e-3})``. An entry that is None goes:
+        ``model.replace(events={"apex": None})``. New ones may be forces, events, contacts and so on, not parameters or
+        values at the start, of which an unknown name is a misspelt one. ``run={"step": "1 ms"}`` takes the place of
+        tolerances in `[run]`; ``name="another"`` and `description` are texts.
 
         Raises
         ------
         ModelError
-            If an entry does not exist or the new model is faulty.
+            If there is no such section or entry, or the new model is faulty.
         """
         model = object.__new__(Model)
         model.file = self.file
@@ -288,7 +291,7 @@ class Model(ModelTrees):
             check_end_forces(model.shaped, model.shapes)
         return model
 
-    def _by_label(self, sections: dict[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    def _by_label(self, sections: dict[str, Any]) -> dict[str, Any]:
         """Return sections with elements of quantities that are given by number named by their labels."""
         if self._declared is None:
             return sections

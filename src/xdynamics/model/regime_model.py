@@ -64,7 +64,7 @@ class RegimeModel(Model):
             sides = {side(i): NONE for i, switch in enumerate(switches) if not switch.drive}
             self.dimensions = plain.dimensions | sides
 
-    def replace(self, **sections: Mapping[str, Any]) -> Model:
+    def replace(self, **sections: Mapping[str, Any] | str) -> Model:
         """Return the plain model with some entries replaced; see `Model.replace`."""
         return self.plain.replace(**sections)
 

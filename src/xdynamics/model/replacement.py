@@ -9,6 +9,7 @@ from typing import Any
 
 from xdynamics.expressions import parse
 from xdynamics.faults import DOT, InputError, Ledger, ModelError, few, spoken, written
+from xdynamics.keywords import joined
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.grammar import SECTIONS
@@ -22,12 +23,18 @@ from xdynamics.model.uncertainty import SIZES, parted
 from xdynamics.model.value_forms import is_expression
 from xdynamics.units import NONE, parse_quantity, parse_unit
 
+# sections that take new entries; a new parameter or start would be a misspelt one
+_GROWING = (
+    *("forces", "events", "contacts", "frictions", "constraints", "controllers", "regimes", "joints"),
+    *("definitions", "drives", "observables", "validation", "run"),
+)
+_TEXTS = ("name", "description")
 _ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries nothing else is read from
 _OUTSIDE = FileAccess(Path(), ANYWHERE)
 
 
 def replaced(statement: Statement, sections: Mapping[str, Any], functions: Functions) -> Statement:
-    """Return a statement with some entries of some sections replaced, read but not checked.
+    """Return a statement with some entries of some sections replaced, added, or taken away by None; read but not checked.
 
     Raises
     ------
@@ -38,7 +45,7 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
     sections = {title: _on_scales(statement, title, entries) for title, entries in sections.items()}
     if (
         single
-        and all(title in _ONE_BY_ONE for title in sections)
+        and all(title in _ONE_BY_ONE and not _dropped(entries) for title, entries in sections.items())
         and not {"regime", "consistent"} & {*sections.get("initial", ())}
     ):
         ledger = Ledger(f"model '{statement.name}'", ModelError)
@@ -48,8 +55,16 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
         return statement
     tables = tables_of(statement)
     for title, entries in sections.items():
+        if title in _TEXTS:
+            if not isinstance(entries, str):
+                raise ModelError(f"{title} is {entries!r}, which is no text; write it in quotes")
+            tables[title] = entries
+            continue
         shaped = {"parameters": statement.arrays, "initial": statement.starting}.get(title, {})
-        tables[title] = tables.get(title, {}) | _entries(title, tables.get(title, {}), entries, shaped)
+        old, dropped = tables.get(title, {}), _dropped(entries)
+        new = _entries(title, old, entries, shaped)
+        whole = joined(old, new) if title == "run" else old | new
+        tables[title] = {name: entry for name, entry in whole.items() if name not in dropped}
     return read(tables, Path(), functions, _OUTSIDE)
 
 
@@ -106,16 +121,26 @@ def _entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values] | 
     """Return the new entries of a section as they stand in a file; some may have values for elements."""
     if not isinstance(old, dict) or not isinstance(entries, Mapping):
         raise ModelError(f"{title} has no entries to replace")
-    for key in entries:
-        if key not in old:
+    for key, entry in entries.items():
+        if key not in old and (title not in _GROWING or entry is None):
             whole, dot, _ = written(str(key)).partition(DOT)
             elements = [spoken(entry) for entry in old if dot and entry.startswith(whole + DOT)]
             known = elements or dict.fromkeys(entry.partition(DOT)[0] for entry in old)
             raise ModelError(f"{title} has no entry '{spoken(str(key))}'; there are: {few([*known]) or 'none'}")
-    return {
-        key: _whole(key, old[key], shaped[key], value) if shaped and key in shaped else _value(key, old[key], value)
-        for key, value in entries.items()
-    }
+    new = {}
+    for key, value in entries.items():
+        if key not in old or value is None or title == "run":
+            new[key] = value
+        else:
+            new[key] = (
+                _whole(key, old[key], shaped[key], value) if shaped and key in shaped else _value(key, old[key], value)
+            )
+    return new
+
+
+def _dropped(entries: Any) -> set[str]:
+    """Return the names of entries that are taken away: those that are None."""
+    return {name for name, entry in entries.items() if entry is None} if isinstance(entries, Mapping) else set()
 
 
 def _whole(entry: str, old: Any, values: Values, value: Any) -> Any:
