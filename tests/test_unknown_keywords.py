@@ -22,8 +22,8 @@ MODEL = xd.Model(
 @pytest.mark.parametrize(
     ("verb", "keyword", "message"),
     [
-        ("simulate", "initial", r"^simulate has no 'initial'; a start stands in the model: model.replace\(initial="),
-        ("simulate", "parameters", r"^simulate has no 'parameters'; numbers stand in the model: model.replace\("),
+        ("refine", "initial", r"^there is no setting 'initial'; a start stands in the model: model.replace\(initial="),
+        ("refine", "parameters", r"^there is no setting 'parameters'; numbers stand in the model: model.replace\("),
         ("simulate", "dt", "^simulate has no 'dt'; did you mean 'step'"),
         ("simulate", "duration", "^simulate has no 'duration'; did you mean 'until'"),
         ("simulate", "rtoll", "^simulate has no 'rtoll'; did you mean 'rtol'"),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.integrity import check_cut, standing
+from xdynamics.archive.integrity import Standing, check_cut, standing
 from xdynamics.archive.integrity_checks import compare
 from xdynamics.archive.netcdf_library import alone, opened
 from xdynamics.archive.place import GIVEN, Given, Place, check_name, placed, real
@@ -274,6 +274,23 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         check_cut(run)
     result = standing(given)
     attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
+    attributes = _said(attributes, result, derived)
+    is_part = EVIDENCE not in attributes and (derived is not None or bool(result.selected))
+    if is_part and is_former(attributes):  # numbers of rows and what names them go with a selection
+        run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
+    declared = run.copy(deep=False)
+    declared.attrs = attributes
+    return declared
+
+
+def _said(attributes: dict[str, Any], result: Standing, derived: str | None) -> dict[str, Any]:
+    """Return attributes that say what a record is, by its standing.
+
+    Raises
+    ------
+    InputError
+        If it was edited, and `derived` does not say how.
+    """
     if derived is not None:
         if not isinstance(derived, str) or not derived.strip():
             raise InputError(
@@ -304,12 +321,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         left_out = {**left_out_atols(attributes), **result.left_out_atol}
         attributes |= {SELECTION: before + result.selected, SELECTION_OF: attributes.get(SELECTION_OF, result.of)}
         attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
-    is_part = EVIDENCE not in attributes and (derived is not None or bool(result.selected))
-    if is_part and is_former(attributes):  # numbers of rows and what names them go with a selection
-        run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
-    declared = run.copy(deep=False)
-    declared.attrs = attributes
-    return declared
+    return attributes
 
 
 @contextmanager

@@ -50,12 +50,26 @@ if TYPE_CHECKING:
 
 MEMBERS, PARAMETERS = "members", "parameters"
 ROWS = {
-    "steps": STEPS, "trials": TRIALS, "events": EVENTS, "samples": SAMPLES, "closed": CLOSED_LINKS,
-    "cases": CASE, "terms": "term", "levels": LEVEL, "times": AT,
-}  # fmt: skip
+    "steps": STEPS,
+    "trials": TRIALS,
+    "events": EVENTS,
+    "samples": SAMPLES,
+    "closed": CLOSED_LINKS,
+    "cases": CASE,
+    "terms": "term",
+    "levels": LEVEL,
+    "times": AT,
+}
 OF_LEVEL = ("", "difference_", "order_", "verdict_")  # of each observable, in this order
-FIRST = ("event_detector", "event_kind", "event_direction", "event_time", *(f"{EVENT_BOUNDS}_{end}" for end in ("lower", "upper")),
-         "event_time_uncertainty", "event_residual")  # fmt: skip
+FIRST = (
+    "event_detector",
+    "event_kind",
+    "event_direction",
+    "event_time",
+    *(f"{EVENT_BOUNDS}_{end}" for end in ("lower", "upper")),
+    "event_time_uncertainty",
+    "event_residual",
+)
 DEFECT = "step_defect_"
 AHEAD = {"axis": 0, "time": 1}  # roles of what a row begins with
 HIDDEN = ("run_digest", "run_seal", "case_run")  # digests, on a terminal
@@ -74,7 +88,7 @@ PACKAGES = {".xlsx": "openpyxl", ".parquet": "pyarrow"}
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """One column of a table.
 
     Attributes
@@ -232,7 +246,7 @@ def _plain(data: xr.Dataset) -> xr.Dataset:
     return unfold(data) if model_dimensions(data) else data
 
 
-def _columns(data: xr.Dataset, kind: str) -> Iterator[Column]:
+def _columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
     if kind == PARAMETERS:
         return _parameters(_plain(data))
     plain = _plain(data)
@@ -251,7 +265,7 @@ def _columns(data: xr.Dataset, kind: str) -> Iterator[Column]:
     return _along(plain, (dim,))
 
 
-def _levels(study: xr.Dataset) -> Iterator[Column]:
+def _levels(study: xr.Dataset) -> Iterator[TableColumn]:
     """Yield the columns of a convergence record: what was varied, then of each observable what is said of it at a level."""
     numbers = [name for name in map(str, study.variables) if f"difference_{name}" in study]
     told = [f"{prefix}{name}" for name in numbers for prefix in OF_LEVEL]
@@ -260,7 +274,7 @@ def _levels(study: xr.Dataset) -> Iterator[Column]:
     return _along(study, (LEVEL,), [name for name in names if name in study])
 
 
-def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None = None) -> Iterator[Column]:
+def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None = None) -> Iterator[TableColumn]:
     """Yield a column for each number that a row has; without `names` of all variables that lie along the rows."""
     if names is None:
         found = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
@@ -278,7 +292,7 @@ def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None 
         for number, place in enumerate(product(*(range(data.sizes[dim]) for dim in others))):
             where = "".join(_where(data, dim, k) for dim, k in zip(others, place, strict=True))
             units = str((data["event_time"] if name == EVENT_BOUNDS else variable).attrs.get("units", ""))
-            yield Column(f"{spoken(name)}{where}", flat[:, number], _shown(units, values, variable), name)
+            yield TableColumn(f"{spoken(name)}{where}", flat[:, number], _shown(units, values, variable), name)
 
 
 def _cells(variable: xr.Variable) -> NDArray[Any]:
@@ -307,7 +321,7 @@ def _where(data: xr.Dataset, dim: str, k: int) -> str:
     return f"[{k if labels is None else labels.values[k]}]"
 
 
-def _parameters(data: xr.Dataset) -> Iterator[Column]:
+def _parameters(data: xr.Dataset) -> Iterator[TableColumn]:
     """Yield what is known of each parameter."""
     own = [(str(name), one) for name, one in data.variables.items() if _is_parameter(one) and not one.ndim]
     about_each: dict[str, Callable[[str, xr.Variable], Any]] = {
@@ -321,10 +335,10 @@ def _parameters(data: xr.Dataset) -> Iterator[Column]:
     for word, take in about_each.items():
         values = [take(name, one) for name, one in own]
         if word in ("parameter", "value", "units", "description") or any(entry == entry and entry for entry in values):
-            yield Column(word, np.array(values, float if word in ("value", "uncertainty") else object), "", word)
+            yield TableColumn(word, np.array(values, float if word in ("value", "uncertainty") else object), "", word)
 
 
-def _rounded(columns: Sequence[Column], data: xr.Dataset) -> list[Column]:
+def _rounded(columns: Sequence[TableColumn], data: xr.Dataset) -> list[TableColumn]:
     """Round numbers to the digits that the uncertainty beside them, in the table or of the finest level, supports."""
     beside = {column.name: column.values for column in columns}
     made = []
@@ -338,7 +352,7 @@ def _rounded(columns: Sequence[Column], data: xr.Dataset) -> list[Column]:
     return made
 
 
-def _doubt(column: Column, beside: Mapping[str, NDArray[Any]], data: xr.Dataset) -> NDArray[Any] | None:
+def _doubt(column: TableColumn, beside: Mapping[str, NDArray[Any]], data: xr.Dataset) -> NDArray[Any] | None:
     """Return the uncertainty of every number of a column; None if nothing tells it."""
     words = [f"uncertainty_{column.name}", f"{column.name}_uncertainty"]
     for word in (*words, *(["uncertainty"] if column.name == "value" else [])):
@@ -398,8 +412,15 @@ def _board_of_levels(study: xr.Dataset) -> list[list[Shown]]:
 
 
 def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
-    wanted = {"case_name": "case", "verdict": "verdict", "residual": "residual", "bound": "bound", "case_units": "unit",
-              "case_observable": "observable", "case_method": "method"}  # fmt: skip
+    wanted = {
+        "case_name": "case",
+        "verdict": "verdict",
+        "residual": "residual",
+        "bound": "bound",
+        "case_units": "unit",
+        "case_observable": "observable",
+        "case_method": "method",
+    }
     columns = {column.name: column.values for column in _along(ledger, (CASE,))}
     if len({*columns["case_method"]}) == 1:
         del wanted["case_method"]
@@ -418,7 +439,7 @@ _BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
 }
 
 
-def _header(column: Column) -> str:
+def _header(column: TableColumn) -> str:
     return f"{column.name} [{column.units}]" if column.units else column.name
 
 
@@ -571,5 +592,9 @@ def _escaped(text: str) -> str:
 
 
 _WRITERS: dict[str, Callable[[Any], bytes]] = {
-    ".csv": _csv, ".xlsx": _workbook, ".parquet": _parquet, ".md": _markdown, ".tex": _latex,
-}  # fmt: skip
+    ".csv": _csv,
+    ".xlsx": _workbook,
+    ".parquet": _parquet,
+    ".md": _markdown,
+    ".tex": _latex,
+}
