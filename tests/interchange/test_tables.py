@@ -167,6 +167,33 @@ def test_the_board_fits_a_terminal(study: xr.Dataset, width: int) -> None:
     assert any("local error of y [m]" in line for line in board)
 
 
+def test_a_name_of_a_model_keeps_its_digits() -> None:
+    """Assert ten digits of what a model may call as evidence calls its own, all of a time, three of an uncertainty."""
+    headers = [
+        "border",
+        "order_parameter",
+        "event_time [s]",
+        "time [s]",
+        "event_time_uncertainty [s]",
+        "residual",
+        "rebound",
+    ]
+    made = pd.DataFrame({header: [1 / 3] for header in headers})
+    cells = [*lines_of(made, 1000)][1].split()
+    assert cells == [
+        *("0.3333333333", "0.3333333333", "0.333333333333333", "0.333333333333333"),
+        *("0.333", "0.333", "0.3333333333"),
+    ]
+
+
+def test_one_member_and_a_lazy_sweep() -> None:
+    """Assert one row of a member that was chosen, and the rows of a sweep that is marched when its table is asked for."""
+    sweep = xd.sweep(BALL, {"e": [0.8, 0.9]}, until=0.4, step=0.01)
+    assert table(sweep.isel(e=1))["end_y [m]"].tolist() == [float(sweep.end_y[1])]
+    lazy = xd.sweep(BALL, {"e": [0.8, 0.9]}, until=0.4, step=0.01, compute=False)
+    assert table(lazy)["end_y [m]"].tolist() == sweep.end_y.values.tolist()
+
+
 def test_a_long_table_is_cut_on_a_terminal(run: xr.Dataset) -> None:
     """Assert the first rows, the last ones, and how many are between."""
     steps = table(run)

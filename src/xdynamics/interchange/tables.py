@@ -38,6 +38,7 @@ from xdynamics.schema import (
     SAMPLES,
     STEPS,
     SWEEP,
+    TEXT_NAMES,
     TRIALS,
 )
 from xdynamics.shapes.naming import spoken
@@ -75,12 +76,9 @@ AHEAD = {"axis": 0, "time": 1}  # roles of what a row begins with
 HIDDEN = ("run_digest", "run_seal", "case_run")  # digests, on a terminal
 MOST_COLUMNS = 16_384  # of a sheet of a workbook
 MOST_SHOWN = 24  # rows on a terminal
-FORMS = {  # of numbers there, by words of their names; times as they are
-    ("time_bounds",): ".15g",
-    ("difference_", "uncertainty", "defect_", "_error", "error_", "residual", "bound", "_doubt"): ".3g",
-    ("order",): ".2f",
-    ("time",): ".15g",
-}
+TIME, VALUE, DOUBT, ORDER = ".15g", ".10g", ".3g", ".2f"  # forms of numbers there: times as they are
+BRIEFLY = ("difference_", "uncertainty_", "interpolation_error_", "scaled_", "step_defect_"), ("_uncertainty", "_doubt")
+BRIEF = ("residual", "bound", "event_residual", "uncertainty")
 MOST_OBSERVED = 12  # observables on a board
 WIDEST = 44  # letters of a cell there
 ENDINGS = (".csv", ".xlsx", ".parquet", ".md", ".tex")
@@ -242,6 +240,8 @@ def _is_parameter(variable: xr.Variable) -> bool:
 
 def _plain(data: xr.Dataset) -> xr.Dataset:
     """Return a record with a variable an element, and no unit that does not hold."""
+    if EVIDENCE in data.attrs:
+        data = data.compute()  # at once: of what is lazy each variable would march anew
     data = without_stale_units(data)
     return unfold(data) if model_dimensions(data) else data
 
@@ -278,6 +278,10 @@ def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None 
     """Yield a column for each number that a row has; without `names` of all variables that lie along the rows."""
     if names is None:
         found = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
+        if not rows:  # one member of a sweep
+            found = [
+                str(name) for name, one in data.variables.items() if not (_is_parameter(one) or name in TEXT_NAMES)
+            ]
         names = sorted(found, key=lambda name: AHEAD.get(str(data.variables[name].attrs.get("role")), len(AHEAD)))
     shape = tuple(data.sizes[dim] for dim in rows)
     for name in names:
@@ -287,7 +291,7 @@ def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None 
         values = _cells(own)
         kept = tuple(data.sizes[dim] if dim in variable.dims else 1 for dim in rows)
         beyond = values.shape[values.ndim - len(others) :]
-        spread = np.broadcast_to(values.reshape(*kept, *beyond), (*shape, *beyond))
+        spread = np.broadcast_to(values.reshape((*kept, *beyond)), (*shape, *beyond))
         flat = spread.reshape(int(np.prod(shape)), -1)
         for number, place in enumerate(product(*(range(data.sizes[dim]) for dim in others))):
             where = "".join(_where(data, dim, k) for dim, k in zip(others, place, strict=True))
@@ -375,7 +379,15 @@ def lines_of(made: pd.DataFrame, width: int) -> Iterator[str]:
     first rows and the last are shown.
     """
     names = [str(name) for name in made.columns if name not in HIDDEN]
-    return _laid_out([[(name, name, made[name].to_numpy())] for name in names], width)
+    return _laid_out([[(name, _form(name), made[name].to_numpy())] for name in names], width)
+
+
+def _form(header: str) -> str:
+    """Return the form of the numbers below a header; whatever a model may call its own keeps its digits."""
+    name = header.partition(" ")[0]
+    if name in BRIEF or name.startswith(BRIEFLY[0]) or name.endswith(BRIEFLY[1]):
+        return DOUBT
+    return TIME if name.startswith("event_time") or f"_{name}".endswith("_time") else VALUE
 
 
 def board_of(data: xr.Dataset, width: int) -> list[str]:
@@ -391,21 +403,21 @@ def board_of(data: xr.Dataset, width: int) -> list[str]:
     return [*_laid_out(groups, width)] if groups else []
 
 
-Shown = tuple[str, str, NDArray[Any]]  # a header, the name by which numbers are formed, cells
+Shown = tuple[str, str, NDArray[Any]]  # a header, the form of numbers, cells
 
 
 def _board_of_levels(study: xr.Dataset) -> list[list[Shown]]:
     by_name = {column.name: column for column in _levels(study)}
     observed = [column for column in by_name.values() if f"difference_{column.variable}" in study]
     first = next(iter(by_name.values()))
-    groups: list[list[Shown]] = [[(_header(first), first.name, first.values)]]
+    groups = [[_shown_as(first)]]
     for column in observed[:MOST_OBSERVED]:
-        beside = [(word, f"{word}_{column.name}") for word in ("difference", "order")]
-        own = [(word, name, by_name[name].values) for word, name in beside if name in by_name]
-        groups.append([(_header(column), column.name, column.values), *own])
+        beside = [(word, form, f"{word}_{column.name}") for word, form in (("difference", DOUBT), ("order", ORDER))]
+        own = [(word, form, by_name[name].values) for word, form, name in beside if name in by_name]
+        groups.append([_shown_as(column), *own])
     defects = [column for column in by_name.values() if column.variable.startswith(DEFECT)]
     groups += [
-        [(f"local error of {_header(column).removeprefix(DEFECT)}", column.name, column.values)]
+        [(f"local error of {_header(column).removeprefix(DEFECT)}", DOUBT, column.values)]
         for column in defects[:MOST_OBSERVED]
     ]
     return groups
@@ -424,12 +436,12 @@ def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
     columns = {column.name: column.values for column in _along(ledger, (CASE,))}
     if len({*columns["case_method"]}) == 1:
         del wanted["case_method"]
-    return [[(header, name, columns[name])] for name, header in wanted.items()]
+    return [[(header, DOUBT, columns[name])] for name, header in wanted.items()]
 
 
 def _board_of_modes(modes: xr.Dataset) -> list[list[Shown]]:
     columns = [*_along(modes, ("mode",))][:MOST_OBSERVED]
-    return [[(_header(column), column.name, column.values)] for column in columns] if modes.sizes.get("mode") else []
+    return [[_shown_as(column)] for column in columns] if modes.sizes.get("mode") else []
 
 
 _BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
@@ -437,6 +449,11 @@ _BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
     "ledger": _board_of_cases,
     "modes": _board_of_modes,
 }
+
+
+def _shown_as(column: TableColumn) -> Shown:
+    header = _header(column)
+    return header, _form(header), column.values
 
 
 def _header(column: TableColumn) -> str:
@@ -449,7 +466,7 @@ def _laid_out(groups: Sequence[Sequence[Shown]], width: int) -> Iterator[str]:
     rows = [*range(count)]
     if count > MOST_SHOWN:
         rows = [*rows[: MOST_SHOWN // 2], *rows[-MOST_SHOWN // 2 :]]
-    texts = [[_texts(header, name, values[rows]) for header, name, values in group] for group in groups]
+    texts = [[_texts(header, form, values[rows]) for header, form, values in group] for group in groups]
     key, parts = texts[0], [[*texts[0]]]
     for group in texts[1:]:
         if _width(parts[-1]) + 2 + _width(group) > width and parts[-1] != key:
@@ -468,10 +485,9 @@ def _width(columns: Sequence[Sequence[str]]) -> int:
     return sum(len(column[0]) + 2 for column in columns) - 2
 
 
-def _texts(header: str, name: str, values: NDArray[Any]) -> list[str]:
+def _texts(header: str, form: str, values: NDArray[Any]) -> list[str]:
     """Return a header and cells of one width: numbers to the right, words to the left."""
     if values.dtype.kind == "f":
-        form = next((form for words, form in FORMS.items() if any(word in name for word in words)), ".10g")
         cells = ["" if np.isnan(one) else f"{one:{form}}" for one in values.tolist()]
     else:
         texts = (" ".join(str(one).split()) for one in values.tolist())
