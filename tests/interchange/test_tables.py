@@ -188,9 +188,9 @@ def test_a_name_of_a_model_keeps_its_digits() -> None:
 
 def test_one_member_and_a_lazy_sweep() -> None:
     """Assert one row of a member that was chosen, and the rows of a sweep that is marched when its table is asked for."""
-    sweep = xd.sweep(BALL, {"e": [0.8, 0.9]}, until=0.4, step=0.01)
+    lazy = xd.sweep(BALL, {"e": [0.8, 0.9]}, until=0.4, step=0.01)
+    sweep = lazy.compute()
     assert table(sweep.isel(e=1))["end_y [m]"].tolist() == [float(sweep.end_y[1])]
-    lazy = xd.sweep(BALL, {"e": [0.8, 0.9]}, until=0.4, step=0.01, compute=False)
     assert table(lazy)["end_y [m]"].tolist() == sweep.end_y.values.tolist()
 
 
