@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -266,3 +267,17 @@ def test_refine_and_show_print_the_board(folder: Path, study: xr.Dataset, monkey
     judged = ask(main, ["validate", str(MODELS / "bouncing_ball.toml")]).output.splitlines()
     assert judged[2].split() == ["case", "verdict", "residual", "bound", "unit"]
     assert judged[3].split()[:2] == ["impacts.impulse_y", "passed"]
+
+
+def test_show_takes_several_files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert one after another, and with JSON a line each; a file that is missing is named after those before it."""
+    monkeypatch.chdir(folder)
+    ask: Any = CliRunner().invoke
+    both = ask(main, ["show", "ball.nc", "ledger.nc"]).output
+    assert both.count("Bouncing ball, by velocity_verlet") == 1
+    assert "validation of Bouncing ball" in both
+    lines = ask(main, ["show", "ball.nc", "ledger.nc", "--json"]).output.splitlines()
+    assert [json.loads(line)["kind"] for line in lines] == ["run", "ledger"]
+    missing = ask(main, ["show", "ball.nc", "none.nc"])
+    assert missing.exit_code == 2
+    assert missing.output.endswith("xdynamics: 'none.nc' does not exist\n")

@@ -288,8 +288,8 @@ def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | 
 
 
 @main.command()
-@click.argument("first", metavar="RUN.nc")
-@click.argument("second", metavar="OTHER.nc|DATA")
+@click.argument("first", metavar="RUN.nc|SWEEP")
+@click.argument("second", metavar="OTHER.nc|DATA|SWEEP")
 @click.option(
     "--at", "times", multiple=True, metavar="TIME", help="A time at which to compare; by default every accepted step."
 )
@@ -299,21 +299,27 @@ def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | 
 def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None, **named: Any) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
 
+    Two sweeps, of folders or files, are compared member by member: which differ by more than they are uncertain, and why.
+
     Data are a table, a file of an instrument, a workbook or a netCDF file: `xdynamics help files`.
 
-    Exit code 1 if two runs are not the same, bit for bit.
+    Exit code 1 if two runs are not the same, bit for bit, or two sweeps not the same.
     """
-    from xdynamics.archive import open_run
+    from xdynamics.cli.looking import opened
     from xdynamics.evidence.comparing.comparison import compare as compared
-    from xdynamics.evidence.comparing.comparison_summary import lines_of
+    from xdynamics.evidence.comparing.comparison_summary import SUMMARIES
+    from xdynamics.evidence.comparing.grids import is_sweep
     from xdynamics.evidence.comparing.measured import is_foreign
     from xdynamics.record.flag_words import time_unit
     from xdynamics.units import time_in
 
     _check(output)
-    other = second if second.lower().endswith(TABLES) or is_foreign(second) else open_run(second)
-    run = open_run(first)
+    run = opened(first)
+    is_data = second.lower().endswith(TABLES) or is_foreign(second)
+    other = second if is_data else opened(second)
     at = [time_in(time_unit(run), text, "--at") for text in times] or None
+    if not isinstance(other, str) and is_sweep(run) and is_sweep(other):
+        run, other = run.compute(), other.compute()  # the numbers of the catalogues
     table = compared(run, other, at, gaps=gaps, reading=reading_of(named))
-    _kept(table, lines_of, output)
+    _kept(table, SUMMARIES[str(table.attrs["evidence"])], output)
     sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

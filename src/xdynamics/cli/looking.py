@@ -22,20 +22,21 @@ MORE = (
 
 
 @main.command()
-@click.argument("archive", metavar="RUN.nc")
+@click.argument("archives", metavar="RUN.nc…", nargs=-1, required=True)
 @click.option("--all", "whole", is_flag=True, help="Also print equations, settings and digests.")
 @json_option
-def show(archive: str, whole: bool) -> None:
-    """Print what an archive holds: outcome, events, parameters; of a sweep's folder its members."""
+def show(archives: tuple[str, ...], whole: bool) -> None:
+    """Print what archives hold: outcome, events, parameters; of a sweep's folder its members. With --json a line each."""
     from xdynamics.documenting.summary import details
 
-    record = _opened(archive)
-    title, *further = details(record, whole=whole)
-    say([title, *on_board(record), *further])
-    hand_over(record)
+    for number, archive in enumerate(archives):
+        record = opened(archive)
+        title, *further = details(record, whole=whole)
+        say([*([""] if number else []), title, *on_board(record), *further])
+        hand_over(record)
 
 
-def _opened(name: str) -> xr.Dataset:
+def opened(name: str) -> xr.Dataset:
     """Open an archive, or the catalogue of a sweep's folder."""
     from xdynamics.archive import open_run
     from xdynamics.archive.place import placed
@@ -91,7 +92,7 @@ def plot(
 
     names = None if only is None else names_in(only)
     output = output or _beside(archive, ".png")
-    given = _opened(archive)
+    given = opened(archive)
     how: dict[str, Any] = {"only": names, "panels": panels, "beside": list(beside), "transient": transient}
     draw(given, output, **how, size=_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
@@ -139,7 +140,7 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
     """
     from xdynamics.figures.animation import animate as film
 
-    film(_opened(archive), output, seconds=seconds, trail=trail, dark=dark)
+    film(opened(archive), output, seconds=seconds, trail=trail, dark=dark)
     say([f"film      {output}"])
 
 
@@ -194,7 +195,7 @@ def table(archives: tuple[str, ...], of: str | None, output: str | None, rounded
             raise InputError(f"of {len(archives)} files each has a row; give one for {'--of' if of else '--rounded'}")
         made = tables.of_runs(archives)
     else:
-        made = tables.table(_opened(archives[0]), of, rounded=rounded)
+        made = tables.table(opened(archives[0]), of, rounded=rounded)
     say([tables.write(made, target)] if target is not None else tables.lines_of(made, width()))
     rows = {"units": made.attrs["units"], "rows": made.to_dict("records")}
     hand_over({"kind": "table", "title": f"table of {', '.join(archives)}", **rows}, archive=output)

@@ -110,6 +110,8 @@ def kinds_of(data: xr.Dataset) -> list[str]:
     """Return what tables of a Dataset can be of, what one asks for first at the beginning."""
     if data.attrs.get(EVIDENCE) == SWEEP:
         return [MEMBERS, PARAMETERS]
+    if "sweep_axes" in data.attrs:  # of two sweeps
+        return [MEMBERS]
     own = {*model_dimensions(data), BOUNDS, DOCUMENT, "memory"}
     kinds = [kind for kind, dim in ROWS.items() if dim in data.dims]
     kinds += [dim for dim in map(str, data.dims) if dim not in ROWS.values() and dim not in own]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.comparing.differences import compared
+from xdynamics.evidence.comparing.grids import compare_sweeps, is_sweep
 from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
 from xdynamics.evidence.comparing.measured import is_measured
 from xdynamics.evidence.comparing.residuals import residuals
@@ -41,12 +42,12 @@ def compare(
     compute: bool = True,
     sizes: Mapping[str, int] | None = None,
 ) -> xr.Dataset:
-    """Compare two runs of any steps, or a run with measured data.
+    """Compare two runs of any steps, a run with measured data, or two sweeps; see `grids.compare_sweeps` of these.
 
     Parameters
     ----------
     first : xarray.Dataset
-        A run record.
+        A run record, or a sweep.
     second : xarray.Dataset, pandas.DataFrame, str or Path
         Another run record; or measured data: a file (CSV, of an instrument, Excel, netCDF) or a DataFrame whose columns have units, ``time [s]``,
         ``y [mm]`` and, if known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
@@ -100,6 +101,16 @@ def compare(
     >>> bool((abs(apart.difference_x) < 1e-3).all()), apart.attrs["cause"]
     (True, 'settings: solver_step: 0.02 | 0.007')
     """
+    if is_sweep(first) or is_sweep(second):
+        if not (is_sweep(first) and is_sweep(second)):
+            raise InputError(
+                "one is a sweep and the other is none; give two sweeps, or a run of it by xdynamics.member"
+            )
+        if times is not None or not compute or sizes is not None:
+            raise InputError(
+                "times, compute and sizes are for runs: sweeps are compared where both have values, as lazy as they are"
+            )
+        return compare_sweeps(first, second)
     _check(first)
     if "model_toml" not in first.variables:
         raise InputError("compare needs the model of the run, and 'model_toml' was left out")

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics import schema
+from xdynamics.evidence.comparing import grids
 from xdynamics.evidence.comparing.causes import independent
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record import whole_of
@@ -108,4 +109,4 @@ def _over_scale(table: xr.Dataset, kind: str, name: str, place: Mapping[str, int
     return f", scaled {value:.3g} by {float(scale):.3g}{units}"
 
 
-SUMMARIES = {"comparison": lines_of}
+SUMMARIES = {"comparison": lines_of} | grids.SUMMARIES
