@@ -159,7 +159,10 @@ xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run. Dimen
 in a record: grid.sel(vt=30.0, solver_method="dop853"); where a parameter bears a word of xarray's
 own, grid.sel({"method": 1.0}).
 Files may be objects, "s3://bucket/run.nc", a grid a Zarr store: `xdynamics help stores`. contrast,
-sensitivities, influences, sobol_indices, convergence and precision say what a grid shows. Of a
+sensitivities, influences, sobol_indices, convergence and precision say what a grid shows.
+xd.compare(grid, other), or `xdynamics compare balls others`, compares two, member by member, found
+by the values of their axes: each difference with its uncertainty (from an axis of steps or
+tolerances), whether it differs by more, who is alone, and the cause by name. Of a
 section, an event that a motion meets once in a period, keep=["after_section_x"], occurrences=160
 keeps each meeting: xd.plot(grid, transient=100), or plot --transient 100, is the bifurcation
 diagram without the first hundred; transient="200 s" needs event_time_section kept, too.
