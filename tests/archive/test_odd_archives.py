@@ -135,7 +135,7 @@ def test_a_file_name_is_shown_written_out(swing: Path, tmp_path: Path) -> None:
 
 def test_a_command_that_is_none_is_shown_written_out() -> None:
     """Assert that what click itself complains of is written out too."""
-    done = CliRunner().invoke(main, ["show", "a.nc", "\x1b[2Jb.nc"])
+    done = CliRunner().invoke(main, ["verify", "a.nc", "\x1b[2Jb.nc"])
     assert done.exit_code == 2
     assert "\\x1b[2Jb.nc" in done.output
 

@@ -230,7 +230,7 @@ def of_runs(paths: Sequence[Given]) -> pd.DataFrame:
 
 def _meant(of: str, kinds: Sequence[str]) -> str:
     """Return the table that a word stands for: ``event`` and ``events`` are the same."""
-    by_word = {word: kind for kind in kinds for word in (kind, ROWS.get(kind, kind), kind.removesuffix("s"))}
+    by_word = {word: kind for kind in kinds for word in (kind, ROWS.get(kind, kind), kind[:-1])}
     if of not in by_word:
         raise InputError(f"there is no table of {of!r} here; there are {', '.join(kinds)}")
     return by_word[of]
@@ -569,13 +569,14 @@ def _workbook(made: pd.DataFrame) -> bytes:
             f"the table has {len(made.columns)} columns, and a workbook {MOST_COLUMNS} at most; write .csv"
         )
     import pandas as pd
+    from openpyxl.cell.cell import TYPE_FORMULA, TYPE_STRING
 
     content = io.BytesIO()
     with pd.ExcelWriter(content, engine="openpyxl") as writer:
         made.to_excel(writer, index=False)
         for sheet in writer.sheets.values():
-            for cell in (cell for row in sheet.iter_rows() for cell in row if cell.data_type == "f"):
-                cell.data_type = "s"  # a text that begins with = is no formula
+            for cell in (cell for row in sheet.iter_rows() for cell in row if cell.data_type == TYPE_FORMULA):
+                cell.data_type = TYPE_STRING  # a text that begins with = is no formula
     return content.getvalue()
 
 

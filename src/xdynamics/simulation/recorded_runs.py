@@ -14,7 +14,7 @@ from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.partial_records import is_run, kind_description
-from xdynamics.units import NUMBERS, Quantity, Unit, coherent
+from xdynamics.units import NUMBERS, SECONDS, Quantity, coherent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -84,11 +84,7 @@ def _section(run: xr.Dataset, bare: Model) -> dict[str, Any]:
 def _written(name: str, value: Any, model: Model) -> Any:
     """Return a setting as it stands in a file."""
     if KEYWORDS[name].kind in (TIME, STEP):
-        return (
-            float(value)
-            if model.time_unit == NUMBERS
-            else str(Quantity(float(value), Unit("s", model.time_unit.dimension)))
-        )
+        return float(value) if model.time_unit == NUMBERS else str(Quantity(float(value), SECONDS))
     if name == "atol" and isinstance(value, Mapping):
         return {key: f"{size.value!r} {coherent(model.units[key]).text}" for key, size in value.items()}
     return [*value] if isinstance(value, tuple) else value

@@ -28,7 +28,14 @@ DIFFERS, WITHIN, UNKNOWN = range(3)
 VERDICTS = ("differs", "within", "unknown")
 SAFETY = (3.0, 1.25)  # of two levels, of more
 LAWS = ("xdynamics_version", "math_functions", "solver_event_root_method", "solver_event_start", "atol_floor_rule")
-CAUSES = ("model", "parameters", "initial", "settings", "units", "versions")
+CAUSES = {  # and what each line of them is of
+    "model": "model",
+    "parameters": "parameter",
+    "initial": "initial",
+    "settings": "setting",
+    "units": "unit",
+    "versions": "version",
+}
 Labels = list[tuple[Any, ...]]
 
 
@@ -331,8 +338,8 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     if found.attrs.get("identical"):
         yield f"the same sweep: {found.attrs['members']} members, bit for bit"
         return
-    for what in CAUSES:
-        yield from (f"{what.removesuffix('s'):<10}{line}" for line in str(found.attrs[what]).splitlines())
+    for what, word in CAUSES.items():
+        yield from (f"{word:<10}{line}" for line in str(found.attrs[what]).splitlines())
     yield f"members   {found.attrs['members']} in both"
     for where in ("first", "second"):
         yield from (f"alone     in the {where}, {line}" for line in str(found.attrs[f"alone_in_{where}"]).splitlines())
