@@ -105,6 +105,11 @@ def test_versions_units_and_what_an_axis_says() -> None:
     found = xd.compare(first, milli)
     assert np.abs(found.difference_end_y).max() < 1e-12
     assert found.attrs["units"] == "end_y: m | mm"
+    levels = swept(axes={"e": [0.8, 0.9], "step": [0.02, 0.01]}, method="forward_euler")
+    milli = levels.assign(end_y=levels.end_y * 1000.0)
+    milli.end_y.attrs["units"] = "mm"
+    doubts = [xd.compare(levels, other).uncertainty_end_y.values for other in (levels, milli)]
+    assert doubts[1].ravel().tolist() == pytest.approx(doubts[0].ravel().tolist(), rel=1e-9)
 
 
 def test_a_sweep_is_itself_and_a_lazy_one_is_not_marched() -> None:
