@@ -14,8 +14,8 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing.extremes import extreme
+from xdynamics.evidence.grid_axes import numbers
 from xdynamics.record.flag_words import words_of
-from xdynamics.sweeping.ensemble_analysis import numbers
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}

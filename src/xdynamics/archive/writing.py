@@ -274,7 +274,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         check_cut(run)
     result = standing(given)
     attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
-    attributes = _said(attributes, result, derived)
+    attributes = _attributes_by_standing(attributes, result, derived)
     is_part = EVIDENCE not in attributes and (derived is not None or bool(result.selected))
     if is_part and is_former(attributes):  # numbers of rows and what names them go with a selection
         run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
@@ -283,7 +283,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     return declared
 
 
-def _said(attributes: dict[str, Any], result: Standing, derived: str | None) -> dict[str, Any]:
+def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derived: str | None) -> dict[str, Any]:
     """Return attributes that say what a record is, by its standing.
 
     Raises

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.evidence.grid_axes import axes_said, numbers
 from xdynamics.faults import few
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep_draws import of_draws, of_words
@@ -19,8 +20,7 @@ from xdynamics.figures.sweep_maps import elements_over_two, over_two
 from xdynamics.figures.transients import Transient, without
 from xdynamics.figures.vanishing import END_TIME, vanishing
 from xdynamics.shapes import parted
-from xdynamics.sweeping.collection import axes_said, settings_said
-from xdynamics.sweeping.ensemble_analysis import numbers
+from xdynamics.sweeping.collection import settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 
 Values = NDArray[Any]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from xdynamics.evidence.grid_axes import AXIS
 from xdynamics.figures.marks import COLOURS, label_time, words
 from xdynamics.figures.sweep_labels import labelled
 from xdynamics.schema import AT, AT_TIME
-from xdynamics.sweeping.collection import AXIS
 from xdynamics.sweeping.members import OUTCOME
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import xarray as xr
 
+from xdynamics.evidence.grid_axes import AXIS
 from xdynamics.figures.marks import in_unit, typeset, words
-from xdynamics.sweeping.collection import AXIS
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import short_number
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.sweeping.ensemble_analysis import numbers
+from xdynamics.evidence.grid_axes import numbers
 from xdynamics.units import TIME, UNKNOWN_UNIT, Dimension, parse_unit
 
 if TYPE_CHECKING:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from xdynamics.archive import open_run, without_stale_units
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import is_folder, taking_name
+from xdynamics.evidence.grid_axes import AXES, axes_said
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.interchange.tree import NODES, tree
+from xdynamics.interchange.tree import NODES, nodes_of
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.unfolding import unfold
@@ -42,7 +43,6 @@ from xdynamics.schema import (
     TRIALS,
 )
 from xdynamics.shapes.naming import spoken
-from xdynamics.sweeping.collection import axes_said
 from xdynamics.units.digits import digits, scientific
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def kinds_of(data: xr.Dataset) -> list[str]:
     """Return what tables of a Dataset can be of, what one asks for first at the beginning."""
     if data.attrs.get(EVIDENCE) == SWEEP:
         return [MEMBERS, PARAMETERS]
-    if "sweep_axes" in data.attrs:  # of two sweeps
+    if AXES in data.attrs:  # of two sweeps
         return [MEMBERS]
     own = {*model_dimensions(data), BOUNDS, DOCUMENT, "memory"}
     kinds = [kind for kind, dim in ROWS.items() if dim in data.dims]
@@ -256,12 +256,12 @@ def _columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
         return _along(plain, tuple(dim for dim in axes_said(plain) if dim in plain.dims))
     dim = ROWS.get(kind, kind)
     if dim == EVENTS and EVIDENCE not in data.attrs:
-        columns = {column.name: column for column in _along(tree(plain)["events"].to_dataset(), (dim,))}
+        columns = {column.name: column for column in _along(nodes_of(plain)["events"].to_dataset(), (dim,))}
         sides = [(f"before_{name}", f"after_{name}") for name in map(str, plain.variables)]
         ordered = [*FIRST, *(name for pair in sides for name in pair)]
         return (columns[name] for name in dict.fromkeys([*ordered, *columns]) if name in columns)
     if dim in NODES and EVIDENCE not in data.attrs:
-        plain = tree(plain)[NODES[dim]].to_dataset()
+        plain = nodes_of(plain)[NODES[dim]].to_dataset()
     if dim == LEVEL and data.attrs.get(EVIDENCE) == "refinement":
         return _levels(plain)
     return _along(plain, (dim,))

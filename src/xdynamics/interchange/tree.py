@@ -42,10 +42,14 @@ def tree(run: xr.Dataset) -> xr.DataTree:
         coordinate, velocity, acceleration, state, energy and observable y stands as ``before_y`` and ``after_y`` beside
         the ends of the bracket, ``event_time_bounds_lower`` and ``…_upper``; of a row that a selection has not, nan.
     """
+    check_single(run)
+    return nodes_of(without_stale_units(run))
+
+
+def nodes_of(run: xr.Dataset) -> xr.DataTree:
+    """Return the tree of a run whose units hold; see `tree`."""
     import xarray as xr
 
-    check_single(run)
-    run = without_stale_units(run)
     own: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
     root = {}
     for name, variable in run.variables.items():

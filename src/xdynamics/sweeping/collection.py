@@ -10,6 +10,7 @@ import numpy as np
 
 from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, VARIES, WHAT, axes_said
 from xdynamics.faults import InputError
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
@@ -28,13 +29,7 @@ from xdynamics.units.rounded import read
 if TYPE_CHECKING:
     import xarray as xr
 
-AXES, ASKED, KEEP, OCCURRENCES, DIGEST = (
-    "sweep_axes",
-    "sweep_settings",
-    "sweep_keep",
-    "sweep_occurrences",
-    "sweep_digest",
-)
+KEEP, OCCURRENCES, DIGEST = "sweep_keep", "sweep_occurrences", "sweep_digest"
 SHARED = "method", "step", "rtol", "until"  # settings that are reported
 NUMBER = "occurrence_number"
 COMMENT = "comment"
@@ -42,7 +37,6 @@ ONE_BY_ONE = (
     "members are marched one after the other, not side by side in vector code: the model has contacts or frictions of"
     " many elements"
 )
-VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of axis values: kind, name, axis
 DIGITS = "varies_by"  # the values as they were written, where that is with more digits than floats have
 _SAID = {
     "parameter": "parameter {0}",
@@ -198,11 +192,6 @@ def with_axes(sweep: xr.Dataset) -> xr.Dataset:
         name for name, variable in sweep.variables.items() if AXIS in variable.attrs and name not in sweep.coords
     ]
     return sweep.set_coords([*axis_names, *(f"{name}_table" for name in axis_names if f"{name}_table" in sweep)])
-
-
-def axes_said(sweep: xr.Dataset) -> list[str]:
-    """Name the axes of a sweep, in order."""
-    return [spoken(written(dim)) for dim in str(sweep.attrs[AXES]).split()]
 
 
 def settings_said(sweep: xr.Dataset) -> str:

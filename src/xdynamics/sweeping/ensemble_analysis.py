@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.grid_axes import AXIS, VARIES, WHAT, axes_said, numbers
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import VERDICTS, judge
 from xdynamics.evidence.stages import computed, is_lazy
@@ -19,7 +20,7 @@ from xdynamics.record import shapes_of
 from xdynamics.record.folding import labelled
 from xdynamics.schema import flags
 from xdynamics.sweeping.axes import RTOL, SETTING, STEP, named_among
-from xdynamics.sweeping.collection import AXIS, VARIES, WHAT, axes_said, check_sweep, plan_of
+from xdynamics.sweeping.collection import check_sweep, plan_of
 from xdynamics.sweeping.labels import place_on
 from xdynamics.sweeping.members import OUTCOME, STOPPED_BY
 from xdynamics.units import quotient
@@ -271,20 +272,6 @@ def _as_asked(sweep: xr.Dataset, compute: Any) -> xr.Dataset:
     if compute is None or is_lazy(sweep) is not compute:
         return sweep
     return computed(sweep)[0] if compute else sweep.chunk()
-
-
-def numbers(sweep: xr.Dataset) -> list[str]:
-    """Name the numbers kept of members, without their rules and uncertainties."""
-    axes = {*axes_of(sweep)}
-    return [
-        str(name)
-        for name, variable in sweep.data_vars.items()
-        if variable.dtype.kind in "fi"
-        and axes & {*map(str, variable.dims)}
-        and not str(name).startswith("run_")
-        and AXIS not in variable.attrs
-        and variable.attrs.get("role") not in ("flag", "error")
-    ]
 
 
 def axes_of(sweep: xr.Dataset) -> list[str]:

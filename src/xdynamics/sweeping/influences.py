@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.grid_axes import numbers
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import AT, OCCURRENCE
 from xdynamics.sweeping.collection import DIGEST, check_sweep
-from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited, numbers
+from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited
 from xdynamics.sweeping.kept_quantities import EVENT_COUNT
 from xdynamics.sweeping.members import OUTCOME, ended
 

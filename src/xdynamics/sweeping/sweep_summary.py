@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xdynamics.evidence.grid_axes import AXIS, axes_said
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import PASSED
-from xdynamics.sweeping.collection import AXIS, COMMENT, KEEP, axes_said, settings_said
+from xdynamics.sweeping.collection import COMMENT, KEEP, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 from xdynamics.units.digits import known_part, short_number
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.comparing.causes import models_apart
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, VARIES, WHAT, axes_said, numbers
 from xdynamics.faults import InputError, few
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, ROOT_DIGEST, SWEEP, flags
@@ -21,8 +22,6 @@ from xdynamics.units import parse_unit, unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
 
 KIND = "sweep comparison"
-AXES, SETTINGS = "sweep_axes", "sweep_settings"  # attributes of a sweep
-VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of the values of its axes
 LEVELS = ("step", "rtol")  # kinds of axes whose members are levels of one another
 DIFFERS, WITHIN, UNKNOWN = range(3)
 VERDICTS = ("differs", "within", "unknown")
@@ -83,7 +82,7 @@ def compare_sweeps(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     if AT in places:
         variables[AT_TIME] = _as_tuple(one, AT_TIME)
     units = [*restated]
-    for name in _numbers(one):
+    for name in numbers(one):
         if name in other.variables and {*one[name].dims} == {*other[name].dims}:
             factor = _factor(name, one, other, units)
             doubt = _doubt(first, name, places, 0), _doubt(second, name, places, 1)
@@ -112,7 +111,7 @@ def _as_tuple(sweep: xr.Dataset, name: Any) -> tuple[Any, ...]:
 
 
 def _axes(sweep: xr.Dataset) -> list[str]:
-    return [dim for dim in (spoken(written(word)) for word in str(sweep.attrs[AXES]).split()) if dim in sweep.dims]
+    return [dim for dim in axes_said(sweep) if dim in sweep.dims]
 
 
 def _columns(sweep: xr.Dataset, dim: str) -> list[Any]:
@@ -205,19 +204,6 @@ def _range(sweep: xr.Dataset, dim: str) -> str:
     return few([_said(sweep, dim, k) for k in range(sweep.sizes[dim])])
 
 
-def _numbers(sweep: xr.Dataset) -> list[str]:
-    """Name the numbers that are kept of members."""
-    dims = {*_axes(sweep)}
-    return [
-        str(name)
-        for name, variable in sweep.data_vars.items()
-        if variable.dtype.kind in "fi"
-        and dims & {*map(str, variable.dims)}
-        and AXIS not in variable.attrs
-        and variable.attrs.get("role") not in ("flag", "error", "effort", "diagnostic")
-    ]
-
-
 def _factor(name: str, one: xr.Dataset, other: xr.Dataset, units: list[str]) -> float:
     """Return what brings the second's numbers to the unit of the first; note where they differ."""
     pair = [str(sweep[name].attrs["units"]) for sweep in (one, other)]
@@ -302,7 +288,7 @@ def _outcome(one: xr.Dataset, other: xr.Dataset) -> tuple[Any, ...]:
 
 def _attributes(first: xr.Dataset, second: xr.Dataset, units: list[str]) -> dict[str, Any]:
     """Return by name what differs between two sweeps."""
-    asked = [json.loads(str(sweep.attrs.get(SETTINGS, "{}"))) for sweep in (first, second)]
+    asked = [json.loads(str(sweep.attrs.get(ASKED, "{}"))) for sweep in (first, second)]
     settings = [
         f"{key}: {_shown(asked[0], key)} | {_shown(asked[1], key)}"
         for key in dict.fromkeys([*asked[0], *asked[1]])
