@@ -187,6 +187,17 @@ def test_a_name_of_a_model_keeps_its_digits() -> None:
     ]
 
 
+@pytest.mark.parametrize("of", ["trials", "events"])
+def test_a_table_without_rows_has_its_headers(of: str, tmp_path: Path) -> None:
+    """Assert the columns of a run in which nothing was rejected, or nothing happened, on a terminal and in files too."""
+    run = xd.simulate(BALL, until=0.1)
+    made = table(run, of)
+    assert (len(made), len(made.columns) > 3) == (0, True)
+    assert len({*lines_of(made, 10_000)}) == 1
+    for ending in ("csv", "xlsx", "parquet", "md", "tex"):
+        assert "0 rows" in tables.write(made, tmp_path / f"{of}.{ending}")
+
+
 def test_one_member_and_a_lazy_sweep() -> None:
     """Assert one row of a member that was chosen, and the rows of a sweep that is marched when its table is asked for."""
     lazy = xd.sweep(BALL, {"e": [0.8, 0.9]}, until=0.4, step=0.01)

@@ -294,7 +294,7 @@ def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None 
         kept = tuple(data.sizes[dim] if dim in variable.dims else 1 for dim in rows)
         beyond = values.shape[values.ndim - len(others) :]
         spread = np.broadcast_to(values.reshape((*kept, *beyond)), (*shape, *beyond))
-        flat = spread.reshape(int(np.prod(shape)), -1)
+        flat = spread.reshape(int(np.prod(shape)), int(np.prod(beyond)))
         for number, place in enumerate(product(*(range(data.sizes[dim]) for dim in others))):
             where = "".join(_where(data, dim, k) for dim, k in zip(others, place, strict=True))
             units = str((data["event_time"] if name == EVENT_BOUNDS else variable).attrs.get("units", ""))
