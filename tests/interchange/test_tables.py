@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pandas as pd
 import pytest
@@ -137,10 +138,12 @@ def test_files_are_read_by_pandas(run: xr.Dataset, tmp_path: Path, ending: str) 
 def test_markdown_and_latex_need_nothing(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert rows of cells whose signs the language would take for its own are escaped."""
     parameters = table(run, "parameters")
+    parameters.loc[2, "description"] = "ratio |v'/v|"
     tables.write(parameters, tmp_path / "p.md")
     rows = (tmp_path / "p.md").read_text().splitlines()
     assert rows[0] == "| parameter | value | units | description |"
     assert rows[3] == "| g | 9.81 | m s-2 | parameter g |"
+    assert rows[4] == "| e | 0.9 | 1 | ratio \\|v'/v\\| |"
     tables.write(run.dynamics.table("events"), tmp_path / "e.tex")
     text = (tmp_path / "e.tex").read_text()
     assert text.startswith("\\begin{tabular}{lllrr")
@@ -204,6 +207,16 @@ def test_one_member_and_a_lazy_sweep() -> None:
     sweep = lazy.compute()
     assert table(sweep.isel(e=1))["end_y [m]"].tolist() == [float(sweep.end_y[1])]
     assert table(lazy)["end_y [m]"].tolist() == sweep.end_y.values.tolist()
+
+    marches = []
+
+    def counted(graph: Any, keys: Any, **how: Any) -> Any:
+        marches.append(len(keys))
+        return dask.get(graph, keys, **how)
+
+    with dask.config.set(scheduler=counted):
+        table(lazy)
+    assert len(marches) == 1
 
 
 def test_a_long_table_is_cut_on_a_terminal(run: xr.Dataset) -> None:
