@@ -107,7 +107,7 @@ def test_members_that_end_badly_give_exit_code_1(tmp_path: Path) -> None:
         (["--together", "a=vt", "--axis", "m=1"], "names 'vt', for which there is no --axis"),
         (["--draw", "vt=20:40 m s-1"], "go together"),
         (["--draw", "vt=20", "--draws", "4"], "needs LOW:HIGH"),
-        (["--axis", "vt=20", "--keep", "nothing"], "keep has 'nothing'; there are end, log"),
+        (["--axis", "vt=20", "--keep", "nothing"], "keep has 'nothing', which no run"),
     ],
 )
 def test_wrong_options_are_named(tmp_path: Path, asked: list[str], message: str) -> None:

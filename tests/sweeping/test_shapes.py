@@ -145,7 +145,7 @@ def test_whole_runs(escapes: xd.Model, tmp_path: Path) -> None:
             "end_x[c]",
             r"keep has 'end_x\[c\]': dimension 'body' has no element c; it has the labels a, b",
         ),
-        ({"m[a]": [1.0]}, "after_escape_x", "keep has 'after_escape_x'; there are"),
+        ({"m[a]": [1.0]}, "after_escape_x", "keep has 'after_escape_x', which no run"),
     ],
 )
 def test_what_is_refused(escapes: xd.Model, axes: dict[str, object], keep: str, said: str) -> None:

@@ -417,7 +417,11 @@ def test_a_member_from_the_catalogue_alone(tmp_path: Path) -> None:
         ({"step": [-0.1]}, {}, "has -0.1 s, needs positive values"),
         ({"a": {"vt": [1.0], "m": [1.0, 2.0]}}, {}, "needs as many values each: vt has 1, m has 2"),
         ({"vt": [1.0], "a": {"vt": [1.0]}}, {}, "'vt' varies along both 'vt' and 'a'"),
-        ({"vt": [20.0]}, {"keep": "endo"}, "keep has 'endo'; there are end, log"),
+        (
+            {"vt": [20.0]},
+            {"keep": "endo"},
+            "'endo', which no run, event or diagnosis of the model has; the nearest are end, ",
+        ),
         ({"vt": [20.0]}, {"keep": ["y"]}, "keep has 'y', which needs times"),
         ({"vt": [20.0]}, {"keep": ["log"]}, "give path='a folder'"),
         ({"vt": [20.0]}, {"occurrences": 0}, "occurrences is 0, needs a positive whole number"),

@@ -21,7 +21,8 @@ from xdynamics.figures.transients import Transient, without
 from xdynamics.figures.vanishing import END_TIME, vanishing
 from xdynamics.shapes import parted
 from xdynamics.sweeping.collection import settings_said
-from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
+from xdynamics.sweeping.kept_quantities import OUTCOME, UNCONTROLLED
+from xdynamics.sweeping.members import ended
 
 Values = NDArray[Any]
 

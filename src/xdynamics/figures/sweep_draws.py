@@ -11,7 +11,7 @@ from xdynamics.evidence.grid_axes import AXIS
 from xdynamics.figures.marks import COLOURS, label_time, words
 from xdynamics.figures.sweep_labels import labelled
 from xdynamics.schema import AT, AT_TIME
-from xdynamics.sweeping.members import OUTCOME
+from xdynamics.sweeping.kept_quantities import OUTCOME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

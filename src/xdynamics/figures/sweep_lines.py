@@ -16,8 +16,7 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.shapes import parted
 from xdynamics.sweeping.collection import NUMBER
-from xdynamics.sweeping.kept_quantities import EVENT_TIME
-from xdynamics.sweeping.members import OUTCOME
+from xdynamics.sweeping.kept_quantities import EVENT_TIME, OUTCOME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,10 +24,11 @@ from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
+from xdynamics.sweeping.kept_quantities import DIGEST as DIGEST_OF_RUN
+from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.member import place_of
 from xdynamics.sweeping.member_files import RUNS, archived, digests_of
-from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
-from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
+from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, SEAL, Block, Plan, marched
 from xdynamics.sweeping.stored_blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.tasks import blocks_of
 

@@ -21,8 +21,8 @@ from xdynamics.record.folding import labelled
 from xdynamics.schema import flags
 from xdynamics.sweeping.axes import RTOL, SETTING, STEP, named_among
 from xdynamics.sweeping.collection import check_sweep, plan_of
+from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.labels import place_on
-from xdynamics.sweeping.members import OUTCOME, STOPPED_BY
 from xdynamics.units import quotient
 
 if TYPE_CHECKING:

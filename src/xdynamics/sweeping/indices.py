@@ -22,7 +22,7 @@ from xdynamics.record.named_elements import element_array, find_column
 from xdynamics.sweeping.axes import AxisColumn, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
-from xdynamics.sweeping.members import OUTCOME
+from xdynamics.sweeping.kept_quantities import OUTCOME
 from xdynamics.sweeping.sweep import sweep as swept
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import AT, OCCURRENCE
 from xdynamics.sweeping.collection import DIGEST, check_sweep
 from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited
-from xdynamics.sweeping.kept_quantities import EVENT_COUNT
-from xdynamics.sweeping.members import OUTCOME, ended
+from xdynamics.sweeping.kept_quantities import EVENT_COUNT, OUTCOME
+from xdynamics.sweeping.members import ended
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID
 from xdynamics.evidence.diagnosing.heights import RULES
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observables import is_comparable, is_observable, observables_of
-from xdynamics.faults import InputError, few
+from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.whole import is_read_whole
@@ -21,11 +22,13 @@ from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
 from xdynamics.record.element_names import Names, Whole, expanded
 from xdynamics.record.run_columns import named_columns
 from xdynamics.record.switches import shapes_with_switches
-from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.schema import AT, EVENTS, OCCURRENCE, flags
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, parted
 from xdynamics.sweeping.ensemble_records import Harvest
 from xdynamics.sweeping.extrema import NO_RULE, extremes
+from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities
 from xdynamics.units import SECONDS, Unit, time_in
 
 Values = NDArray[Any]
@@ -35,6 +38,13 @@ END, LOG = "end", "log"
 EVENT_TIME, EVENT_COUNT, AFTER, BEFORE = "event_time_", "event_count_", "after_", "before_"
 LARGEST, LEAST = "maximum_", "minimum_"
 DIAGNOSTIC, EVENT, COUNT = "diagnostic", "event", "effort"
+FLAGS = ("flag_values", "flag_meanings")
+OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
+# what every sweep has of its members, whatever is kept
+ALWAYS = (
+    *("end_time", "run_accepted_steps", "run_rejected_trials", "run_force_evaluations"),
+    *(OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY),
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,11 @@ class Kept:
     dtype : str
     more : mapping
         Further attributes, such as the meanings of flags.
+    of_run : str
+        What it is called in the diagnosis or the attributes of a member's own run, if it is taken from there; then `take`
+        gives nan.
+    first : int
+        Of something that a run has any number of: the first one that is kept, from 0.
     """
 
     name: str
@@ -68,6 +83,8 @@ class Kept:
     motion: tuple[str, ...] = ()
     dtype: str = "f8"
     more: Mapping[str, Any] = field(default_factory=dict)
+    of_run: str = ""
+    first: int = 0
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -109,15 +126,20 @@ class Keeping:
         variables: dict[str, Kept] = {}
         unknown = []
         for word in (*reader.words, *reader.sampled()):
-            kept = list(reader.read(word))
-            unknown += [] if kept or word == LOG else [word]
+            kept = reader.read(word) or reader.of_run(word)
+            unknown += [] if kept or word in (LOG, *ALWAYS) else [word]
             variables |= {variable.name: variable for variable in kept}
         if unknown:
-            known = of_wholes(reader.known())
-            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {few(known)}")
+            known = list(dict.fromkeys([*of_wholes(reader.known()), *reader.of_runs, *ALWAYS]))
+            raise InputError(f"keep has {'; '.join(_misspelt(word, known) for word in unknown)}")
         stems = {name: parted(name)[0] for name in variables}
         own = {name: variables[name] for name, stem in stems.items() if stem == name or stem not in variables}
         return folded(own, reader.shapes)  # an element whose quantity is kept is in it
+
+
+def _misspelt(word: str, known: Sequence[str]) -> str:
+    nearest = get_close_matches(word, known, n=3, cutoff=0.0)
+    return f"'{word}', which no run, event or diagnosis of the model has; the nearest are {', '.join(nearest)}"
 
 
 def folded(variables: Mapping[str, Kept], shapes: Shapes) -> tuple[Kept, ...]:
@@ -154,7 +176,7 @@ class _WordReader:
     """Resolve the words of `keep` for a model."""
 
     def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:
-        self.keeping, self.model = keeping, model
+        self.keeping, self.model, self.settings = keeping, model, settings
         self.layout = settings.layout(model)
         self.columns = named_columns(self.layout, settings)
         self.shapes = shapes_with_switches(self.layout.model)
@@ -183,6 +205,11 @@ class _WordReader:
         loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
         return [END, LOG, *events, *beside, *quantities, *loads]
 
+    @cached_property
+    def of_runs(self) -> Mapping[str, RunQuantity]:
+        """What takes the whole run of a member, by name."""
+        return run_quantities(self.model, self.settings)
+
     @property
     def single_detectors(self) -> list[str]:
         """Detectors without dimensions: what stands beside those of elements would be of two elements."""
@@ -202,7 +229,7 @@ class _WordReader:
     def reads(self, word: str) -> bool:
         """Whether a word stands for variables, as it is."""
         try:
-            return word in (END, LOG) or bool(self.read(word))
+            return word in (END, LOG, *ALWAYS) or bool(self.read(word))
         except InputError:  # which says why it cannot be kept
             return True
 
@@ -223,12 +250,55 @@ class _WordReader:
                 if head == "end_":
                     return [self._end(name)]
                 return [] if self.columns[name].variable.dims[1:] else self._extreme(word, name)
+        return self._of_events(word)
+
+    def _of_events(self, word: str) -> list[Kept]:
         for head in (AFTER, BEFORE):
             for detector in self.single_detectors:
                 name = word.removeprefix(f"{head}{detector}_")
                 if name != word and name in self.columns:
                     return [self._beside(word, head, detector, name)]
+        for detector in self.detectors:
+            name = word.removesuffix(f"_{detector}")
+            if name != word and name in self.columns and self._is_of_events(self.columns[name].variable.dims):
+                return [self._of_event(word, name, detector)]
         return []
+
+    def _is_of_events(self, dims: tuple[str, ...]) -> bool:
+        return dims[0] == EVENTS and {*dims[1:]} <= {*self.model.shapes.extents}
+
+    def _of_event(self, word: str, name: str, detector: str) -> Kept:
+        column = self.columns[name].variable
+        further, description = column.dims[1:], f"{column.long_name}, '{detector}'"
+        return self._occurrences(
+            word, detector, column.units, description, lambda runs, places: runs[name][places].astype(float), further
+        )
+
+    def of_run(self, word: str) -> list[Kept]:
+        """Return the variable of a word that takes the whole run of a member; none if it is not known."""
+        if word in (LOG, *ALWAYS) or word not in self.of_runs:
+            return []
+        found, (begin, end) = self.of_runs[word], self.keeping.occurrences
+        more = {name: found.attributes[name] for name in FLAGS if name in found.attributes}
+        is_counted = found.is_listed and (begin, end) != (0, 1)
+        dims = (OCCURRENCE, *found.dims) if is_counted else found.dims
+        sizes = (*((end - begin,) if is_counted else ()), *self.model.shapes.shape(found.dims))
+        description = f"{found.attributes['long_name']}{', first' if found.is_listed and not is_counted else ''}"
+        missing: Any = np.nan if found.dtype.startswith("f") else -1
+        kept = Kept(
+            word,
+            dims,
+            sizes,
+            str(found.attributes["units"]),
+            f"{description}; {'nan' if missing != -1 else '-1'} of a run that failed",
+            str(found.attributes["role"]),
+            lambda runs: np.full((runs.size, *sizes), missing),
+            dtype=found.dtype,
+            more=more,
+            of_run=word,
+            first=begin if found.is_listed else 0,
+        )
+        return [kept]
 
     def _end(self, name: str) -> Kept:
         column = self.columns[name].variable

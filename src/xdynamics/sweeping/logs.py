@@ -30,8 +30,9 @@ from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.grid import At
+from xdynamics.sweeping.kept_quantities import DIGEST
 from xdynamics.sweeping.member import check_digest, folder_of, opened, place_of
-from xdynamics.sweeping.members import DIGEST, FILE, SEAL, Plan
+from xdynamics.sweeping.members import FILE, SEAL, Plan
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,9 +18,10 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.grid import At, SweepGrid
+from xdynamics.sweeping.kept_quantities import DIGEST, OUTCOME
 from xdynamics.sweeping.labels import places_of
 from xdynamics.sweeping.member_files import RUNS
-from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, digest_of_end
+from xdynamics.sweeping.members import FILE, digest_of_end
 
 if TYPE_CHECKING:
     import xarray as xr

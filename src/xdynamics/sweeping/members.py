@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.evidence.runs import march
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs
 from xdynamics.march.log import Room
@@ -23,11 +24,21 @@ from xdynamics.model.switches import smooth_switches
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.element_names import listed
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
+from xdynamics.schema import CIRCUMSTANCE, OCCURRENCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.shapes.naming import spoken
 from xdynamics.sweeping.ensemble_records import Harvest, parts_of
 from xdynamics.sweeping.grid import At, Group, SweepGrid
-from xdynamics.sweeping.kept_quantities import COUNT, DIAGNOSTIC, Keeping, Kept
+from xdynamics.sweeping.kept_quantities import (
+    COUNT,
+    DIAGNOSTIC,
+    DIGEST,
+    OUTCOME,
+    STOPPED_BY,
+    UNCONTROLLED,
+    Keeping,
+    Kept,
+)
+from xdynamics.sweeping.run_quantities import values_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +53,6 @@ REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # whose cause is fou
 LONGEST_WORD = max(map(len, WORDS))
 _GOLDEN = 0x9E3779B97F4A7C15
 
-OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
 FILE, SEAL, CONTENT_DIGEST = "run_file", RUN_SEAL, "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
 DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
@@ -166,6 +176,7 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
                 arrays[variable.name][group.places[part]] = variable.take(harvest)
             arrays[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
     _settle(plan, block, arrays, known)
+    _read_whole_runs(plan, block, arrays, known)
     return {name: values.reshape(*shape, *values.shape[1:]) for name, values in arrays.items()}
 
 
@@ -285,6 +296,27 @@ def _settle(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArr
     numbers = np.asarray(np.ravel_multi_index(tuple(places.T), grid.shape))
     for i in np.flatnonzero(chosen(numbers, plan.check) & ~known).tolist():
         _check(grid, places[i], {name: arrays[name][i] for name in (DIGEST, OUTCOME)})
+
+
+def _read_whole_runs(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
+    """March members by themselves for what takes their whole runs, which lanes do not keep."""
+    wanted = {variable.of_run: variable for variable in plan.variables if variable.of_run}
+    for i, at in enumerate(plan.grid.places(block)) if wanted else ():
+        if known[i]:
+            continue
+        try:
+            run = march(plan.grid.model_of(at), **plan.grid.asked_of(at))
+        except ModelError:  # see its outcome
+            continue
+        for name, values in values_of(run, [*wanted]).items():
+            variable = wanted[name]
+            if variable.dims[:1] == (OCCURRENCE,):
+                listed = values[variable.first :][: variable.sizes[0]]
+                arrays[name][i, : len(listed)] = listed
+            elif values.ndim == len(variable.dims):
+                arrays[name][i] = values
+            elif len(values):  # the first of a list
+                arrays[name][i] = values[0]
 
 
 def march_of(grid: SweepGrid, at: At) -> March | None:

@@ -58,12 +58,14 @@ def sweep(
         ``end`` (coordinates, velocities, states where each run ended), ``end_x``, ``event_time_ground``,
         ``event_count_ground``, ``after_ground_x``, ``before_ground_x``, ``maximum_x``, ``minimum_x`` (with time, rule
         and uncertainty, as in `diagnose`), ``x`` or any energy or observable at `times`, ``log`` for whole runs, one
-        file each.
+        file each. Of an event also all else that a record has of it, ``event_residual_ground``. Any number of `diagnose`
+        (``energy_drift``, ``period``, ``believed_until``) or of a record's attributes (``run_fastest_rate``) takes the
+        member's whole run and its diagnosis, some tenths of a second each.
     times : array_like, s, or of texts
         Along `at`; for every coordinate, velocity and state, or those that `keep` names. nan after the end of a run.
     occurrences : int, or (int, int)
-        How many occurrences of every event to keep, along `occurrence` if more than the first; ``(100, 160)`` leaves
-        out the first hundred.
+        How many occurrences of every event, cycle or turn to keep, along `occurrence` if more than the first;
+        ``(100, 160)`` leaves out the first hundred.
     path : str or Path, optional
         A folder to march into, or ``"s3://bucket/folder"``; a name that ends in ``.zarr`` is that of a Zarr store, for
         sweeps too large for one file. The same call continues an interrupted sweep without marching finished members

@@ -13,7 +13,8 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import PASSED
 from xdynamics.sweeping.collection import COMMENT, KEEP, settings_said
-from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
+from xdynamics.sweeping.kept_quantities import OUTCOME, UNCONTROLLED
+from xdynamics.sweeping.members import ended
 from xdynamics.units.digits import known_part, short_number
 
 if TYPE_CHECKING:

@@ -18,10 +18,10 @@ from xdynamics.archive.stores import made_folder, store_of, taking_name
 from xdynamics.march.outcomes import WORDS
 from xdynamics.record.element_names import listed
 from xdynamics.sweeping.additions import Additions
-from xdynamics.sweeping.kept_quantities import Kept
+from xdynamics.sweeping.kept_quantities import DIGEST as DIGEST_OF_RUN
+from xdynamics.sweeping.kept_quantities import OUTCOME, Kept
 from xdynamics.sweeping.member_files import RUNS, archived
-from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
-from xdynamics.sweeping.members import FILE, OUTCOME, SEAL, Block, Plan, marched
+from xdynamics.sweeping.members import FILE, SEAL, Block, Plan, marched
 from xdynamics.sweeping.stored_blocks import Progress, said, watching
 from xdynamics.sweeping.zarr_digests import (
     DIGESTS,

@@ -14,7 +14,7 @@ from xdynamics.faults import ArchiveError
 from xdynamics.record.folding import labelled
 from xdynamics.schema import EVIDENCE, ROOT_DIGEST, SWEEP
 from xdynamics.sweeping.collection import with_axes
-from xdynamics.sweeping.members import OUTCOME, STOPPED_BY
+from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.zarr_blocks import HEXADECIMAL, MEANINGS, TOML
 from xdynamics.sweeping.zarr_digests import KEPT, METADATA, content_digest, facts_of, zarr_package
 

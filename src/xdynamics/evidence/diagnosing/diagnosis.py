@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics import archive, schema
+from xdynamics import archive, record, schema
 from xdynamics.dynamics.recorded_models import model_of
 from xdynamics.evidence.audit import audit, audited_columns, gates_of, gates_said
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
@@ -36,6 +36,7 @@ from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
 from xdynamics.faults import InputError
+from xdynamics.march import March
 from xdynamics.record import check, check_kind, shapes_of, unfold
 from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.named_elements import column
@@ -178,6 +179,15 @@ def diagnose(
     return _labelled(lazy(Stage(_dataset(request, rows, beside, None, ()), task)), run)
 
 
+def foreseen(march: March, occurrences: int) -> xr.Dataset:
+    """Return what a diagnosis of a march's run will hold, before it begins: zeros, with names, dimensions and units."""
+    run = record.foreseen(march)
+    request = DiagnosisRequest(functions=march.model.functions, occurrences=occurrences)
+    rows = Unread(unfold(run), march.model, occurrences)
+    beside = Companion(rows.run, rows.run, 1.0, "", march.model.functions)
+    return _labelled(_dataset(request, rows, beside, None, ()), run)
+
+
 def _labelled(found: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
     """Return a diagnosis with the labels of the run's dimensions."""
     return labelled(fold(found, shapes_of(run))) if model_dimensions(run) else found
@@ -187,13 +197,13 @@ def _labelled(found: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
 class DiagnosisRequest:
     """What is asked of a diagnosis; see `diagnose`."""
 
-    of: str | None
-    level: str | float | None
-    reference: xr.Dataset | str | float | None
-    exact: Mapping[str, str] | None
-    lyapunov: bool | int
-    functions: Functions | None
-    occurrences: int | None
+    of: str | None = None
+    level: str | float | None = None
+    reference: xr.Dataset | str | float | None = None
+    exact: Mapping[str, str] | None = None
+    lyapunov: bool | int = False
+    functions: Functions | None = None
+    occurrences: int | None = None
 
     @property
     def words(self) -> list[Any]:
