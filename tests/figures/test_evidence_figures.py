@@ -16,7 +16,7 @@ from cases.problems import MODELS, oscillator
 from xdynamics.figures.fit import panels_of as panels_of_fit
 from xdynamics.figures.ledger import panels_of as panels_of_ledger
 from xdynamics.figures.refinement import foot_of, telling
-from xdynamics.figures.vanishing import vanishing
+from xdynamics.evidence.grid_rounding import vanishing
 
 
 @pytest.mark.dear

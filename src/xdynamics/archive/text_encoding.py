@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import FLAG_ATTRIBUTES, TEXT_FORM, flags
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[Any]
 
@@ -176,3 +180,22 @@ def form_of(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], sh
     if form != FLAGS or dtype != np.int8 or not dims or not sound or b"" in words:
         raise ValueError(f"it is no text in the form '{form}'")
     return Form(np.array([*words, b""]), max(map(len, words)))
+
+
+def with_texts(data: xr.Dataset) -> xr.Dataset:
+    """Return a Dataset that another reader opened, or a part of it, with the texts that its file keeps as numbers.
+
+    Raises
+    ------
+    ValueError
+        If a variable declares a form that it does not have.
+    """
+    numbered = {name: one for name, one in data.variables.items() if TEXT_FORM in one.attrs and one.dtype.kind in "iu"}
+    texts = {}
+    for name, variable in numbered.items():
+        rows = variable.values[np.newaxis]  # a part may be a single text
+        form = form_of(variable.attrs, rows.dtype, ("members", *map(str, variable.dims)), rows.shape)
+        if form is not None:
+            dims = variable.dims[: variable.ndim - form.further]
+            texts[name] = (dims, form.texts(rows)[0], own_attributes(variable.attrs))
+    return data.assign(texts) if texts else data

@@ -308,8 +308,8 @@ def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: 
     from xdynamics.cli.looking import opened
     from xdynamics.evidence.comparing.comparison import compare as compared
     from xdynamics.evidence.comparing.comparison_summary import SUMMARIES
-    from xdynamics.evidence.comparing.grids import is_sweep
     from xdynamics.evidence.comparing.measured import is_foreign
+    from xdynamics.evidence.grid_axes import is_sweep
     from xdynamics.record.flag_words import time_unit
     from xdynamics.units import time_in
 

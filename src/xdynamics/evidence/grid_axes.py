@@ -1,9 +1,14 @@
-"""What the attributes of a sweep say of its axes, and which numbers are kept along them."""
+"""What a sweep says of its axes, and which numbers are kept along them; of sweeps put together, too."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from math import prod
+from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.text_encoding import with_texts
+from xdynamics.faults import InputError
+from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.shapes.naming import spoken, written
 
 if TYPE_CHECKING:
@@ -11,6 +16,49 @@ if TYPE_CHECKING:
 
 AXES, ASKED = "sweep_axes", "sweep_settings"
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of axis values: kind, name, axis
+MEMBERS, OWN_DIGEST = "sweep_members", "sweep_digest"
+NO_NUMBERS = ("flag", "error", "parameter")  # roles of variables along axes that are no numbers of members
+
+
+def is_sweep(data: Any) -> bool:
+    """Whether something is a sweep."""
+    attributes = getattr(data, "attrs", {})
+    return hasattr(data, "variables") and attributes.get(EVIDENCE) == SWEEP and AXES in attributes
+
+
+def sweep_of(data: Any) -> xr.Dataset:
+    """Return a sweep as this package reads it, whoever opened or put it together.
+
+    Texts that plain xarray leaves as numbers are texts. Where sweeps were put together along a setting that each of them
+    has one value of, ``xr.concat([one, other], "solver_rtol")``, that is an axis like any other.
+
+    Raises
+    ------
+    InputError
+        If it is not a Dataset of a sweep.
+    """
+    if not is_sweep(data) or "model_toml" not in data:
+        raise InputError(f"{type(data).__name__} is no sweep; give what sweep or open_sweep returned")
+    sweep: xr.Dataset = with_texts(data)
+    joined = {
+        name: str(variable.dims[0])
+        for name, variable in sweep.variables.items()
+        if VARIES in variable.attrs and AXIS not in variable.attrs and len(variable.dims) == 1
+    }
+    if not joined:
+        return sweep
+    sweep = sweep.copy()
+    for name, dim in joined.items():
+        sweep[name].attrs[AXIS] = dim
+    varied = {str(sweep[name].attrs[WHAT]) for name in joined}
+    dims = [*dict.fromkeys([*axes_said(sweep), *joined.values()])]
+    asked = {name: value for name, value in json.loads(str(sweep.attrs[ASKED])).items() if name not in varied}
+    of_one = {OWN_DIGEST, *(f"solver_{name}{end}" for name in varied for end in ("", "_units"))}
+    kept = {key: value for key, value in sweep.attrs.items() if key not in of_one}
+    members = prod(sweep.sizes.get(dim, 1) for dim in dims)
+    own = {AXES: " ".join(dims), ASKED: json.dumps(asked, sort_keys=True), MEMBERS: members}
+    sweep.attrs = kept | own
+    return sweep
 
 
 def axes_said(sweep: xr.Dataset) -> list[str]:
@@ -28,5 +76,5 @@ def numbers(sweep: xr.Dataset) -> list[str]:
         and axes & {*map(str, variable.dims)}
         and not str(name).startswith("run_")
         and AXIS not in variable.attrs
-        and variable.attrs.get("role") not in ("flag", "error")
+        and variable.attrs.get("role") not in NO_NUMBERS
     ]

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive import check_states, without_stale_units
 from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.evidence.grid_axes import is_sweep, sweep_of
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import (
     budget,
     comparison,
     diagnosis,
+    differences,
     enclosure,
     fit,
     ledger,
@@ -41,7 +43,20 @@ if TYPE_CHECKING:
 
 PAGES = {
     kind: module.PAGE
-    for module in (budget, comparison, diagnosis, enclosure, fit, ledger, logs, modes, precision, refinement, sweep)
+    for module in (
+        budget,
+        comparison,
+        diagnosis,
+        differences,
+        enclosure,
+        fit,
+        ledger,
+        logs,
+        modes,
+        precision,
+        refinement,
+        sweep,
+    )
     for kind in module.PAGE.kinds
 }
 
@@ -64,7 +79,7 @@ def plot(
     Parameters
     ----------
     record : xarray.Dataset, sequence of these, or mapping of str to these
-        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `modes`, `error_budget`, `fit` or `enclose` returns; several
+        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `contrast`, `precision`, `modes`, `error_budget`, `fit` or `enclose` returns; several
         refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once; of a run in chunks
         the columns that are drawn are read, each chunk once: of a long one the least and the greatest value of each
         stretch are kept, and what is at events.
@@ -144,6 +159,8 @@ def plot(
 
 def _as_drawn(record: xr.Dataset) -> xr.Dataset:
     """Return a record by its elements, without units that edits made wrong; a run whose motion was edited is refused."""
+    if is_sweep(record):
+        record = sweep_of(record)
     if not record.attrs.get(EVIDENCE):
         check_states(record)
     record = without_stale_units(record)

@@ -12,13 +12,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.evidence.grid_axes import axes_said, numbers
+from xdynamics.evidence.grid_rounding import END_TIME, vanishing
 from xdynamics.faults import few
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep_draws import of_draws, of_words
 from xdynamics.figures.sweep_lines import elements_over, over_one
 from xdynamics.figures.sweep_maps import elements_over_two, over_two
 from xdynamics.figures.transients import Transient, without
-from xdynamics.figures.vanishing import END_TIME, vanishing
 from xdynamics.shapes import parted
 from xdynamics.sweeping.collection import settings_said
 from xdynamics.sweeping.kept_quantities import OUTCOME, UNCONTROLLED

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from xdynamics.archive import open_run, without_stale_units
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import is_folder, taking_name
-from xdynamics.evidence.grid_axes import AXES, axes_said
+from xdynamics.evidence.grid_axes import AXES, axes_said, is_sweep, sweep_of
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.interchange.tree import NODES, nodes_of
 from xdynamics.record.flag_words import words_of
@@ -242,6 +242,7 @@ def _is_parameter(variable: xr.Variable) -> bool:
 
 def _plain(data: xr.Dataset) -> xr.Dataset:
     """Return a record with a variable an element, and no unit that does not hold."""
+    data = sweep_of(data) if is_sweep(data) else data
     if EVIDENCE in data.attrs:
         data = data.compute()  # at once: of what is lazy each variable would march anew
     data = without_stale_units(data)

@@ -10,16 +10,28 @@ import numpy as np
 
 from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, VARIES, WHAT, axes_said
+from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, MEMBERS, OWN_DIGEST, VARIES, WHAT, axes_said, sweep_of
 from xdynamics.faults import InputError
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
 from xdynamics.record.arguments import atol_floor_of, root_method_of
 from xdynamics.record.element_names import listed
-from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, EVIDENCE, OCCURRENCE, SWEEP, beside
+from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, OCCURRENCE, SWEEP, beside
+from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import spoken, written
-from xdynamics.sweeping.axes import INITIAL, OF_MODEL, PARAMETER, RTOL, STEP, TABLE, Axis, AxisColumn
+from xdynamics.sweeping.axes import (
+    INITIAL,
+    OF_MODEL,
+    PARAMETER,
+    RTOL,
+    SETTINGS,
+    STEP,
+    TABLE,
+    Axis,
+    AxisColumn,
+    column_of,
+)
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
@@ -29,7 +41,7 @@ from xdynamics.units.rounded import read
 if TYPE_CHECKING:
     import xarray as xr
 
-KEEP, OCCURRENCES, DIGEST = "sweep_keep", "sweep_occurrences", "sweep_digest"
+KEEP, OCCURRENCES, DIGEST = "sweep_keep", "sweep_occurrences", OWN_DIGEST
 SHARED = "method", "step", "rtol", "until"  # settings that are reported
 NUMBER = "occurrence_number"
 COMMENT = "comment"
@@ -110,13 +122,12 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
 
 def _coordinates(grid: SweepGrid) -> dict[str, Any]:
     coordinates: dict[str, Any] = {}
+    for column in _shared_columns(grid):  # an axis, where sweeps are put together
+        value = column.values[0]
+        coordinates[column.label] = ((), value.item() if hasattr(value, "item") else str(value), _said(grid, column))
     for axis in grid.axes:
         for column in axis.columns:
-            attributes = about(column.unit.text, _meaning(grid.model, column), "axis") | {
-                VARIES: column.kind,
-                WHAT: spoken(column.name),
-                AXIS: axis.dim,
-            }
+            attributes = _said(grid, column) | {AXIS: axis.dim}
             if column.digits:
                 attributes[DIGITS] = " ".join(column.written)
             if axis.design is not None:
@@ -137,6 +148,24 @@ def _coordinates(grid: SweepGrid) -> dict[str, Any]:
     return coordinates
 
 
+def _said(grid: SweepGrid, column: AxisColumn) -> dict[str, Any]:
+    return about(column.unit.text, _meaning(grid.model, column), "axis") | {
+        VARIES: column.kind,
+        WHAT: spoken(column.name),
+    }
+
+
+def _shared_columns(grid: SweepGrid) -> list[AxisColumn]:
+    """Return the settings that all members share and that could vary, each with its one value."""
+    shared = _shared_settings(grid)
+    taken = {*grid.dims, *(column.label for _, column in grid.columns)}
+    names = [name for name in SHARED if f"solver_{name}" in shared]
+    names += [name for name in grid.asked if name in SETTINGS and name not in SHARED]
+    values = [shared.get(f"solver_{name}", grid.asked.get(name)) for name in names]
+    columns = [column_of(grid.model, name, [value]) for name, value in zip(names, values, strict=True)]
+    return [column for column in columns if column.label not in taken]
+
+
 def _meaning(model: Model, column: AxisColumn) -> str:
     """Describe what varies, with the model's own description if there is one."""
     sections: dict[str, Mapping[str, Any]] = {
@@ -154,7 +183,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
     return {
         "summary": plan.grid.model.description or f"Runs of {plan.grid.model.name}",
         **plan.grid.model.about.attributes,
-        "sweep_members": plan.grid.size,
+        MEMBERS: plan.grid.size,
         AXES: listed(plan.grid.dims),
         ASKED: json.dumps(plan.grid.asked, sort_keys=True),
         **_shared_settings(plan.grid),
@@ -187,9 +216,9 @@ def _shared_settings(grid: SweepGrid) -> dict[str, Any]:
 
 
 def with_axes(sweep: xr.Dataset) -> xr.Dataset:
-    """Make axis values coordinates; a file keeps only those named like a dimension."""
+    """Make axis values, and settings that could be some, coordinates; a file keeps only those named like a dimension."""
     axis_names = [
-        name for name, variable in sweep.variables.items() if AXIS in variable.attrs and name not in sweep.coords
+        name for name, variable in sweep.variables.items() if VARIES in variable.attrs and name not in sweep.coords
     ]
     return sweep.set_coords([*axis_names, *(f"{name}_table" for name in axis_names if f"{name}_table" in sweep)])
 
@@ -213,18 +242,6 @@ def settings_said(sweep: xr.Dataset) -> str:
     return text or "settings of the model's own"
 
 
-def check_sweep(sweep: Any) -> None:
-    """Refuse anything that is not a sweep.
-
-    Raises
-    ------
-    InputError
-        If it is not a Dataset of a sweep.
-    """
-    if getattr(sweep, "attrs", {}).get(EVIDENCE) != SWEEP or "model_toml" not in sweep:
-        raise InputError(f"{type(sweep).__name__} is no sweep; give what sweep or open_sweep returned")
-
-
 def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Plan:
     """Reconstruct the plan that a sweep, or a part of one, was marched from.
 
@@ -233,7 +250,7 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     InputError
         If the Dataset is no sweep, or sweeps of several models were put together.
     """
-    check_sweep(sweep)
+    sweep = sweep_of(sweep)
     texts = {text for text in np.ravel(sweep["model_toml"].values).tolist() if isinstance(text, str)}
     if len(texts) != 1:
         raise InputError(f"the sweep is of {len(texts)} models; sweeps of one model alone can be put together")
@@ -250,11 +267,17 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         asked["event_start"] = start
     if (floor := atol_floor_of(sweep.attrs)) != OF_TERMS:  # likewise
         asked["atol_floor"] = floor
-    return Plan(SweepGrid(model, tuple(_axis(model, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
+    return Plan(SweepGrid(model, tuple(axis_of(model.shapes, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
 
 
-def _axis(model: Model, sweep: xr.Dataset, dim: str) -> Axis:
-    """Reconstruct an axis; in a part of a sweep without that dimension it has the one remaining value."""
+def axis_of(shapes: Shapes, sweep: xr.Dataset, dim: str) -> Axis:
+    """Reconstruct an axis; in a part of a sweep without that dimension it has the one remaining value.
+
+    Raises
+    ------
+    InputError
+        If the sweep has no values of it, or they vary along another dimension.
+    """
     columns = []
     for name in sweep.variables:
         variable = sweep[name]
@@ -269,7 +292,7 @@ def _axis(model: Model, sweep: xr.Dataset, dim: str) -> Axis:
         tables = tuple(map(str, np.atleast_1d(sweep[f"{name}_table"].values))) if kind == TABLE else ()
         converted = values if np.issubdtype(values.dtype, np.number) else values.astype(object)
         what, unit = written(str(variable.attrs[WHAT])), parse_unit(variable.attrs["units"])
-        elements = tuple(model.shapes.elements(what)) if what in model.shapes.dims else ()
+        elements = tuple(shapes.elements(what)) if what in shapes.dims else ()
         exact = {number: number for number in map(read, str(variable.attrs.get(DIGITS, "")).split())}
         digits = tuple(exact.get(value, value) for value in values.tolist()) if exact else ()
         columns.append(AxisColumn(what, kind, converted, unit, str(name), tables, elements, digits))

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.evidence.comparing.grids import judged_difference, uncertainty_of
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.grid_axes import AXIS, VARIES, WHAT, axes_said, numbers
+from xdynamics.evidence.grid_axes import AXES, AXIS, VARIES, WHAT, axes_said, numbers, sweep_of
+from xdynamics.evidence.grid_rounding import rounding_floors
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import VERDICTS, judge
 from xdynamics.evidence.stages import computed, is_lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
+from xdynamics.model import Model
 from xdynamics.record import shapes_of
 from xdynamics.record.folding import labelled
-from xdynamics.schema import flags
+from xdynamics.schema import EVIDENCE, flags
 from xdynamics.sweeping.axes import RTOL, SETTING, STEP, named_among
-from xdynamics.sweeping.collection import check_sweep, plan_of
+from xdynamics.sweeping.collection import axis_of, plan_of
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.labels import place_on
 from xdynamics.units import quotient
@@ -29,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-ROLE = "survey"
+ROLE, CONVERGENCE = "survey", "convergence"
 EVALUATIONS = "run_force_evaluations"
 LEVELS = 3  # needed to observe an order
 
@@ -40,7 +44,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
     Parameters
     ----------
     sweep : xarray.Dataset
-        What `sweep` or `open_sweep` returned.
+        What `sweep` or `open_sweep` returned, or what `convergence` found of it.
     dim : str
         The axis, as `axes` of `sweep` or the Dataset name it: ``"method"`` say, or ``"solver_method"``.
     reference : optional
@@ -51,37 +55,56 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
     Returns
     -------
     xarray.Dataset
-        Lazy where the sweep is. For every number ``difference_end_y``, and ``outcome_differs``: 1 where the run ended
-        in another way.
+        Lazy where the sweep is. For every number ``difference_end_y`` (minus that of the reference), what that is
+        numerically uncertain by, ``uncertainty_end_y``, and ``verdict_end_y`` (a flag: ``differs``, ``within``,
+        ``unknown``), as `compare` has them of two sweeps: from a further axis of steps or tolerances, from what was kept,
+        or from `convergence`. ``outcome_differs``: 1 where the run ended in another way.
 
     Raises
     ------
     InputError
         If there is no such axis, or no such value of it.
     """
-    dim = _axis_named(sweep, dim)
+    sweep, dim = _axis_named(sweep, dim)
     sweep = _as_asked(sweep, compute)
     at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
-    reference_member = sweep.isel({dim: at})
-    variables: dict[str, Any] = {
-        f"difference_{name}": (
-            sweep[name].dims,
-            (sweep[name] - reference_member[name]).transpose(*sweep[name].dims).data,
-            _about(sweep, name, f"{sweep[name].attrs['long_name']}, minus that of the reference"),
+    chosen = sweep.isel({dim: at})
+    label = str(chosen[dim].values) if dim in sweep.coords else str(at)
+    variables: dict[str, Any] = {}
+    floors = rounding_floors(sweep)
+    for name in _judged_numbers(sweep):
+        own, doubt = sweep[name], _uncertainty(sweep, name)
+        of_reference = chosen[name].broadcast_like(own).transpose(*own.dims).variable
+        total = None if doubt is None else doubt + (doubt.isel({dim: at}) if dim in doubt.dims else doubt)
+        variables |= judged_difference(
+            name, of_reference, own.variable, total, 2.0 * floors.get(name, 0.0), f"minus that of {label}"
         )
-        for name in numbers(sweep)
-    }
-    differs = sweep[OUTCOME] != reference_member[OUTCOME]
-    if STOPPED_BY in sweep:
-        differs = differs | (sweep[STOPPED_BY] != reference_member[STOPPED_BY])
-    differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
-    variables["outcome_differs"] = (
-        differs.dims,
-        differs.data,
-        about("1", "1 where the run ended in another way than the reference", ROLE),
+    if OUTCOME in sweep:
+        variables["outcome_differs"] = _outcome_differs(sweep, chosen)
+    return exhibited(
+        "contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label, "varied": dim}
     )
-    label = str(reference_member[dim].values) if dim in sweep.coords else str(at)
-    return exhibited("contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label})
+
+
+def _outcome_differs(sweep: xr.Dataset, reference: xr.Dataset) -> tuple[Any, ...]:
+    differs = sweep[OUTCOME] != reference[OUTCOME]
+    if STOPPED_BY in sweep:
+        differs = differs | (sweep[STOPPED_BY] != reference[STOPPED_BY])
+    differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
+    return differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE)
+
+
+def _judged_numbers(sweep: xr.Dataset) -> list[str]:
+    """Name what members are compared by: the numbers of a sweep, or of its finest level, as `convergence` judged them."""
+    if sweep.attrs.get(EVIDENCE) != CONVERGENCE:
+        return numbers(sweep)
+    return [name for name in map(str, sweep.data_vars) if f"uncertainty_{name}" in sweep]
+
+
+def _uncertainty(sweep: xr.Dataset, name: str) -> xr.Variable | None:
+    if sweep.attrs.get(EVIDENCE) == CONVERGENCE:
+        return sweep[f"uncertainty_{name}"].variable
+    return uncertainty_of(sweep, name)
 
 
 def sensitivities(sweep: xr.Dataset, *, compute: bool | None = None) -> xr.Dataset:
@@ -108,8 +131,7 @@ def sensitivities(sweep: xr.Dataset, *, compute: bool | None = None) -> xr.Datas
     Second-order differences on uneven grids as by `numpy.gradient`, at the ends too where there are three values: they
     are as accurate as the grid is fine, and mean nothing across a change of outcome; see `influences`.
     """
-    check_sweep(sweep)
-    sweep = _as_asked(sweep, compute)
+    sweep = _as_asked(sweep_of(sweep), compute)
     axes = [
         dim
         for dim in axes_of(sweep)
@@ -147,8 +169,8 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
     Returns
     -------
     xarray.Dataset
-        On the other axes, lazy where the sweep is: for every number ``order_end_y``, ``verdict_end_y``,
-        ``limit_end_y``, ``uncertainty_end_y`` of the finest level, as `refine` finds them for one model.
+        On the other axes, lazy where the sweep is: every number ``end_y`` of the finest level, with its uncertainty
+        ``uncertainty_end_y``, ``order_end_y``, ``verdict_end_y`` and ``limit_end_y``, as `refine` finds them for one model.
 
     Raises
     ------
@@ -157,7 +179,7 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
     """
     import xarray as xr
 
-    dim = _axis_named(sweep, dim)
+    sweep, dim = _axis_named(sweep, dim)
     kind = str(sweep[dim].attrs.get(VARIES)) if dim in sweep.coords else ""
     if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
         raise InputError(
@@ -179,63 +201,95 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
             output_dtypes=[float],
             dask_gufunc_kwargs={"output_sizes": {"told": 4}},
         )
-        dims = tuple(str(entry) for entry in results.dims if entry != "told")
-        verdict = results.isel(told=1)
-        judged = {
-            "order": (results.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
-            "verdict": (
-                verdict.astype(np.int8),
-                "1",
-                f"verdict on the convergence of {name}",
-                flags(dict(enumerate(VERDICTS))),
-            ),
-            "limit": (results.isel(told=2), sweep[name].attrs["units"], f"limit of {name} as {dim} tends to zero", {}),
-            "uncertainty": (
-                results.isel(told=3),
-                sweep[name].attrs["units"],
-                f"uncertainty of {name} at the finest level, at about 95 %",
-                {},
-            ),
-        }
-        variables |= {
-            f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra)
-            for word, (entry, units, description, extra) in judged.items()
-        }
-    return exhibited("convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim})
+        variables |= _told(sweep, name, dim, results, fine[name].isel({dim: -1}))
+    return exhibited(CONVERGENCE, f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim})
+
+
+def _told(sweep: xr.Dataset, name: str, dim: str, results: xr.DataArray, finest: xr.DataArray) -> dict[str, Any]:
+    """Return what is judged of a number as variables, beside the number at the finest level."""
+    dims = tuple(str(entry) for entry in results.dims if entry != "told")
+    verdict = results.isel(told=1)
+    judged = {
+        "order": (results.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
+        "verdict": (
+            verdict.astype(np.int8),
+            "1",
+            f"verdict on the convergence of {name}",
+            flags(dict(enumerate(VERDICTS))),
+        ),
+        "limit": (results.isel(told=2), sweep[name].attrs["units"], f"limit of {name} as {dim} tends to zero", {}),
+        "uncertainty": (
+            results.isel(told=3),
+            sweep[name].attrs["units"],
+            f"uncertainty of {name} at the finest level, at about 95 %",
+            {},
+        ),
+    }
+    said = f"{sweep[name].attrs['long_name']}, at the finest level"
+    own = (dims, finest.transpose(*dims).data, _about(sweep, name, said))
+    return {name: own} | {
+        f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra)
+        for word, (entry, units, description, extra) in judged.items()
+    }
 
 
 def precision(
-    sweep: xr.Dataset,
-    dim: str = STEP,
+    sweep: xr.Dataset | Model,
+    dim: str | Mapping[str, Any] = STEP,
     *,
     exact: Mapping[str, float] | None = None,
     compute: bool | None = None,
+    **asked: Any,
 ) -> xr.Dataset:
     """Return the cost and the error of every run: a work-precision diagram of methods, from coarse to fine.
 
     Parameters
     ----------
-    sweep : xarray.Dataset
-        With an axis of steps or tolerances, and perhaps one of methods.
-    dim : str
-        The axis of steps or tolerances.
+    sweep : xarray.Dataset or Model
+        With an axis of steps or tolerances, and perhaps one of methods; or a model that is swept over them here.
+    dim : str or mapping
+        The axis of steps or tolerances; of a model all axes, ``{"method": ["rk4", "dop853"], "step": ["40 ms", "20 ms"]}``.
     exact : mapping of str to float, optional
         The exact values, in the units of the sweep; by default the finest level of the method of the highest order is
         taken for exact.
     compute : bool, optional
         Whether to compute at once, or, False, to return dask arrays; by default as the sweep is, lazy or not.
+    **asked
+        For a model: further arguments of `sweep`.
 
     Returns
     -------
     xarray.Dataset
-        Lazy where the sweep is: ``off_end_y``, the absolute error, and ``run_force_evaluations``.
+        Lazy where the sweep is: ``off_end_y``, the absolute error; ``run_force_evaluations``; and ``front_end_y``, 1 for the
+        runs than which no other one is as exact with as few evaluations, the Pareto front over methods and levels.
 
     Raises
     ------
     InputError
         If there is no such axis, or `exact` names no number of the sweep or has no finite value.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> axes = {"method": ["euler_cromer", "rk4"], "step": ["100 ms", "50 ms", "25 ms"]}
+    >>> found = precision(model, axes, until="2 s", keep="end_x", exact={"end_x": np.cos(4.0)})
+    >>> found.front_end_x.compute().sel(solver_method="rk4").values.tolist()
+    [1, 1, 1]
     """
-    dim = _axis_named(sweep, dim)
+    if isinstance(sweep, Model):
+        from xdynamics.sweeping.sweep import sweep as sweep_over
+
+        if not isinstance(dim, Mapping):
+            raise InputError(
+                f"dim is {dim!r}; of a model give all axes, {{'method': ['rk4', 'dop853'], 'step': [...]}}"
+            )
+        sweep, dim = sweep_over(sweep, dim, **asked), next((name for name in (STEP, RTOL) if name in dim), STEP)
+    elif asked or not isinstance(dim, str):
+        raise InputError(
+            f"{', '.join(asked) or 'axes'} are for a model; the sweep is marched: give the name of its axis"
+        )
+    sweep, dim = _axis_named(sweep, dim)
     sweep = _as_asked(sweep, compute)
     names, exact_values = numbers(sweep), dict(exact or {})
     if unknown := [name for name in exact_values if name not in names]:
@@ -248,21 +302,46 @@ def precision(
         finest |= dict.fromkeys(map(str, methods.dims), int(np.argmax(_orders_of(methods))))
     variables: dict[str, Any] = {}
     for name in (entry for entry in names if dim in sweep[entry].dims and sweep[entry].dtype.kind == "f"):
-        error = abs(sweep[name] - exact_values.get(name, sweep[name].isel(finest, drop=True))).transpose(
-            *sweep[name].dims
-        )
-        variables[f"off_{name}"] = (
-            error.dims,
-            error.data,
-            _about(
-                sweep,
-                name,
-                f"distance of {name} from {'the right value' if name in exact_values else 'the finest one'}",
-            ),
-        )
+        own = sweep[name]
+        error = abs(own - exact_values.get(name, own.isel(finest, drop=True))).transpose(*own.dims)
+        from_what = "the right value" if name in exact_values else "the finest one"
+        variables[f"off_{name}"] = error.dims, error.data, _about(sweep, name, f"distance of {name} from {from_what}")
+        variables[f"front_{name}"] = _front(error, sweep[EVALUATIONS], [*finest], name, is_exact=name in exact_values)
     work = sweep[EVALUATIONS]
     variables[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
     return exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
+
+
+def _front(error: xr.DataArray, work: xr.DataArray, dims: list[str], name: str, *, is_exact: bool) -> tuple[Any, ...]:
+    """Return as a variable which runs are on the Pareto front of error and work along some dimensions."""
+    import xarray as xr
+
+    own = [dim for dim in dims if dim in error.dims]
+    errors, works = (each.chunk(dict.fromkeys(own, -1)) if each.chunks else each for each in (error, work))
+    front = xr.apply_ufunc(
+        partial(_on_front, is_exact=is_exact, along=len(own)),
+        errors,
+        works,
+        input_core_dims=[own, own],
+        output_core_dims=[own],
+        dask="parallelized",
+        output_dtypes=[np.int8],
+    ).transpose(*error.dims)
+    said = f"1 where no other run is as near to the right {name} with as few force evaluations"
+    return front.dims, front.data, about("1", said, ROLE)
+
+
+def _on_front(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, along: int) -> NDArray[np.int8]:
+    """Mark the runs, along the last dimensions, that no other one betters; what is taken for exact betters none."""
+    errors, works = np.broadcast_arrays(errors, works)
+    shape = errors.shape[: errors.ndim - along]
+    front = np.zeros((int(np.prod(shape)), int(np.prod(errors.shape[errors.ndim - along :]))), np.int8)
+    for row, error, work in zip(front, errors.reshape(front.shape), works.reshape(front.shape), strict=True):
+        least = np.inf
+        for i in np.lexsort((error, work)).tolist():
+            if np.isfinite(error[i]) and error[i] < least and (is_exact or error[i] > 0.0):
+                row[i], least = 1, error[i]
+    return front.reshape(errors.shape)
 
 
 def _as_asked(sweep: xr.Dataset, compute: Any) -> xr.Dataset:
@@ -279,18 +358,18 @@ def axes_of(sweep: xr.Dataset) -> list[str]:
     return axes_said(sweep)
 
 
-def _axis_named(sweep: Any, word: str) -> str:
-    """Return the dimension that a word means, ``method`` or ``solver_method``."""
-    check_sweep(sweep)
+def _axis_named(given: Any, word: str) -> tuple[xr.Dataset, str]:
+    """Return a sweep or its convergence, and the dimension of it that a word means, ``method`` or ``solver_method``."""
+    sweep = given if getattr(given, "attrs", {}).get(EVIDENCE) == CONVERGENCE else sweep_of(given)
     dim = named_among(sweep.dims, word)
     if dim not in sweep.dims or dim not in axes_of(sweep):
         raise InputError(f"the sweep has no axis '{word}'; there are {', '.join(axes_of(sweep))}")
-    return dim
+    return sweep, dim
 
 
 def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
     """Find the index of a value on an axis."""
-    return place_on(next(axis for axis in plan_of(sweep).grid.axes if axis.dim == dim), label)
+    return place_on(axis_of(shapes_of(sweep), sweep, dim), label)
 
 
 def _about(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
@@ -349,6 +428,8 @@ def exhibited(kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any
     attributes = {
         key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs
     }
+    if axes := [dim for dim in axes_said(sweep) if dim in dims]:
+        attributes[AXES] = " ".join(axes)
     title = f"{str(sweep.attrs['title']).split(':')[0]}: {title}"
     survey = exhibit(kind, title, [], coordinates | variables, attributes | extra, shapes=shapes_of(sweep))
     return labelled(survey.set_coords([*coordinates]))

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.grid_axes import numbers
+from xdynamics.evidence.grid_axes import numbers, sweep_of
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import AT, OCCURRENCE
-from xdynamics.sweeping.collection import DIGEST, check_sweep
+from xdynamics.sweeping.collection import DIGEST
 from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited
 from xdynamics.sweeping.kept_quantities import EVENT_COUNT, OUTCOME
 from xdynamics.sweeping.members import ended
@@ -54,7 +54,7 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     The main effect is the variance of means over all other axes, divided by the total variance: Sobol's first-order
     index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
     """
-    check_sweep(sweep)
+    sweep = sweep_of(sweep)
     if compute:
         return _influences(computed(sweep)[0])
     lazy_names = [str(name) for name, variable in sweep.variables.items() if is_chunked(variable)]

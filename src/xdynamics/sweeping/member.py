@@ -10,6 +10,7 @@ import numpy as np
 
 from xdynamics import archive, record
 from xdynamics.archive.place import Place, placed
+from xdynamics.evidence.grid_axes import sweep_of
 from xdynamics.evidence.runs import march
 from xdynamics.faults import ArchiveError
 from xdynamics.kernels.layout import layout_of
@@ -65,7 +66,7 @@ def member(
     True
     """
     grid = plan_of(sweep, functions).grid
-    folder, sweep = folder_of(sweep), record.whole_of(sweep)
+    folder, sweep = folder_of(sweep), sweep_of(record.whole_of(sweep))
     at = places_of(grid, labels)
     place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
     states = [block.name for block in layout_of(grid.model).used.blocks]

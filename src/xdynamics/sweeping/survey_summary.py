@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xdynamics.evidence.comparing.grids import differences_said
 from xdynamics.record.flag_words import words_of
 from xdynamics.shapes.naming import parted, spoken
 from xdynamics.units.digits import uncertainty_alone
@@ -36,12 +37,11 @@ def _unit(survey: xr.Dataset, name: str) -> str:
 
 
 def _contrast(survey: xr.Dataset) -> Iterator[str]:
-    differing = int(np.count_nonzero(survey["outcome_differs"].values))
-    yield f"compared  with {survey.attrs['reference']}; {differing} members ended otherwise"
-    for name in _named(survey, "difference_"):
-        values = np.abs(survey[name].values.astype(float))
-        if np.isfinite(values).any():
-            yield f"{name.removeprefix('difference_')} differs by up to {np.nanmax(values):.4g}{_unit(survey, name)}"
+    outcomes = (
+        f"; {int(survey['outcome_differs'].sum())} members ended otherwise" if "outcome_differs" in survey else ""
+    )
+    yield f"compared  with {survey.attrs['reference']}{outcomes}"
+    yield from differences_said(survey)
 
 
 def _sensitivities(survey: xr.Dataset) -> Iterator[str]:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.comparing.differences import compared
-from xdynamics.evidence.comparing.grids import compare_sweeps, is_sweep
+from xdynamics.evidence.comparing.grids import compare_sweeps
 from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
 from xdynamics.evidence.comparing.measured import is_measured
 from xdynamics.evidence.comparing.residuals import residuals
+from xdynamics.evidence.grid_axes import is_sweep
 from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stages import task_of
 from xdynamics.faults import InputError

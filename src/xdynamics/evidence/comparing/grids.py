@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.comparing.causes import models_apart
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, VARIES, WHAT, axes_said, numbers
+from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, VARIES, WHAT, axes_said, numbers, sweep_of
+from xdynamics.evidence.grid_rounding import rounding_floors
 from xdynamics.faults import InputError, few
 from xdynamics.record.flag_words import words_of
-from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, ROOT_DIGEST, SWEEP, flags
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE, ROOT_DIGEST, flags
 from xdynamics.shapes.naming import spoken, written
 from xdynamics.units import parse_unit, unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
@@ -36,11 +37,6 @@ CAUSES = {  # and what each line of them is of
     "versions": "version",
 }
 Labels = list[tuple[Any, ...]]
-
-
-def is_sweep(data: Any) -> bool:
-    """Whether something is a sweep."""
-    return isinstance(data, xr.Dataset) and data.attrs.get(EVIDENCE) == SWEEP and AXES in data.attrs
 
 
 def compare_sweeps(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -69,6 +65,7 @@ def compare_sweeps(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     Refinement Studies, J. Fluids Eng. 116 (1994), doi:10.1115/1.2910291). Else it is what the sweep kept of it,
     ``y_uncertainty``. Those of both sweeps are added.
     """
+    first, second = sweep_of(first), sweep_of(second)
     second, restated = _as_of(first, second)
     dims = _axes(first)
     places, alone = _common(first, second, dims)
@@ -82,11 +79,17 @@ def compare_sweeps(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     if AT in places:
         variables[AT_TIME] = _as_tuple(one, AT_TIME)
     units = [*restated]
+    floors = rounding_floors(first), rounding_floors(second)
     for name in numbers(one):
         if name in other.variables and {*one[name].dims} == {*other[name].dims}:
-            factor = _factor(name, one, other, units)
-            doubt = _doubt(first, name, places, 0), _doubt(second, name, places, 1)
-            variables |= _compared(name, one, other, factor, doubt)
+            variables |= _compared(
+                name,
+                one,
+                other,
+                _factor(name, one, other, units),
+                (_at(first, name, places, 0), _at(second, name, places, 1)),
+                tuple(each.get(name, 0.0) for each in floors),
+            )
     variables["outcome_differs"] = _outcome(one, other)
     attributes = _attributes(first, second, units) | {
         AXES: str(first.attrs[AXES]),
@@ -216,18 +219,26 @@ def _factor(name: str, one: xr.Dataset, other: xr.Dataset, units: list[str]) -> 
     return float(others.factor / own.factor)
 
 
-def _doubt(sweep: xr.Dataset, name: str, places: Mapping[str, Any], which: int) -> xr.DataArray | None:
+def _at(sweep: xr.Dataset, name: str, places: Mapping[str, Any], which: int) -> xr.Variable | None:
     """Return what the members of a sweep that are compared are uncertain by; None if nothing tells it."""
+    doubt = uncertainty_of(sweep, name)
+    if doubt is None:
+        return None
+    return doubt.isel({dim: pair[which] for dim, pair in places.items() if dim in doubt.dims})
+
+
+def uncertainty_of(sweep: xr.Dataset, name: str) -> xr.Variable | None:
+    """Return what a number of each member is numerically uncertain by, in its unit; None if nothing tells it.
+
+    From the neighbours along axes of steps and tolerances, or as it was kept; see `compare_sweeps`.
+    """
     levels = [dim for dim in _axes(sweep) if dim in sweep[name].dims and _varied(sweep, dim)[0][0] in LEVELS]
     levels = [dim for dim in levels if len(_varied(sweep, dim)) == 1 and sweep.sizes[dim] > 1]
     kept = f"{name}_uncertainty"
     if not levels:
-        if kept not in sweep.variables:
-            return None
-        doubt = sweep[kept].reset_coords(drop=True)
-    else:
-        doubt = sum(map(partial(_by_levels, sweep, name), levels))  # type: ignore[assignment]
-    return doubt.isel({dim: pair[which] for dim, pair in places.items() if dim in doubt.dims})
+        return sweep[kept].variable if kept in sweep.variables else None
+    total: xr.DataArray = sum(map(partial(_by_levels, sweep, name), levels))  # type: ignore[assignment]
+    return total.variable.transpose(*sweep[name].dims)
 
 
 def _by_levels(sweep: xr.Dataset, name: str, dim: str) -> xr.DataArray:
@@ -245,27 +256,45 @@ def _compared(
     one: xr.Dataset,
     other: xr.Dataset,
     factor: float,
-    doubts: tuple[xr.DataArray | None, xr.DataArray | None],
+    doubts: tuple[xr.Variable | None, xr.Variable | None],
+    floors: tuple[Any, ...],
 ) -> dict[str, Any]:
     """Return the difference of a number, its uncertainty and the verdict, as variables."""
     own = one[name].variable
-    difference = other[name].variable.transpose(*own.dims) * factor - own
-    first, second = doubts
-    if first is None or second is None:
-        doubt = xr.full_like(difference.astype(float), np.nan)
-    else:
-        doubt = (first.variable.transpose(*own.dims) + second.variable.transpose(*own.dims) * factor).astype(float)
-    alike = (difference == 0) | (own.isnull() & other[name].variable.transpose(*own.dims).isnull())
+    others, (first, second) = other[name].variable.transpose(*own.dims), doubts
+    doubt = (
+        None if first is None or second is None else first.transpose(*own.dims) + second.transpose(*own.dims) * factor
+    )
+    floor = floors[0] + floors[1] * factor
+    return judged_difference(name, own, others * factor, doubt, floor, "second sweep minus first")
+
+
+def judged_difference(
+    name: str, own: xr.Variable, other: xr.Variable, doubt: xr.Variable | None, floor: Any, said: str
+) -> dict[str, Any]:
+    """Return, as variables, how far a number is from another one of its unit, by how much that is uncertain, and the verdict.
+
+    Parameters
+    ----------
+    name : str
+    own, other : xarray.Variable
+        Of the same dimensions; `own` has the attributes.
+    doubt : xarray.Variable, optional
+        What the difference is uncertain by; None where nothing tells it.
+    floor : xarray.Variable or float
+        What rounding alone may leave of it.
+    said : str
+        What is subtracted from what.
+    """
+    difference = other - own
+    doubt = xr.full_like(difference.astype(float), np.nan) if doubt is None else doubt.astype(float)
+    alike = (abs(difference) <= floor) | (own.isnull() & other.isnull())
     is_far = (doubt.notnull() & (abs(difference) > doubt)) | (difference.isnull() & ~alike)
     is_unknown = ~alike & ~is_far & doubt.isnull()
     verdict = WITHIN + (DIFFERS - WITHIN) * (is_far & ~alike) + (UNKNOWN - WITHIN) * is_unknown
-    units, what = str(one[name].attrs["units"]), str(one[name].attrs["long_name"])
+    units, what = str(own.attrs["units"]), str(own.attrs["long_name"])
     return {
-        f"difference_{name}": (
-            own.dims,
-            difference.data,
-            about(units, f"{what}, second sweep minus first", "difference"),
-        ),
+        f"difference_{name}": (own.dims, difference.data, about(units, f"{what}, {said}", "difference")),
         f"uncertainty_{name}": (
             own.dims,
             doubt.data,
@@ -329,6 +358,13 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     yield f"members   {found.attrs['members']} in both"
     for where in ("first", "second"):
         yield from (f"alone     in the {where}, {line}" for line in str(found.attrs[f"alone_in_{where}"]).splitlines())
+    yield from differences_said(found)
+    if differing := int(found["outcome_differs"].sum()):
+        yield f"outcomes  {differing} ended in different ways"
+
+
+def differences_said(found: xr.Dataset) -> Iterator[str]:
+    """Say of each number how many members differ, and which does most."""
     for name in [str(name)[len("difference_") :] for name in found.data_vars if str(name).startswith("difference_")]:
         words = words_of(found[f"verdict_{name}"])
         counts = ", ".join(
@@ -338,14 +374,16 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         if not np.isfinite(values).any():
             yield f"{name}: {counts}"
             continue
+        if not np.nanmax(values):
+            yield f"{name}: {counts}, all the same"
+            continue
         place = np.unravel_index(int(np.nanargmax(values)), values.shape)
         value, doubt = (float(found[f"{kind}_{name}"].values[place]) for kind in ("difference", "uncertainty"))
         told = with_uncertainty(value, doubt) if doubt > 0.0 else short_number(value)
         units = unit_suffix(str(found[f"difference_{name}"].attrs["units"]))
         at = {str(dim): int(k) for dim, k in zip(found[f"difference_{name}"].dims, place, strict=True)}
-        yield f"{name}: {counts}; the largest difference is {told}{units} at {_place(found, at)}"
-    if differing := int(found["outcome_differs"].sum()):
-        yield f"outcomes  {differing} ended in different ways"
+        where = f" at {said}" if (said := _place(found, at)) else ""
+        yield f"{name}: {counts}; the largest difference is {told}{units}{where}"
 
 
 def _place(found: xr.Dataset, at: Mapping[str, int]) -> str:
