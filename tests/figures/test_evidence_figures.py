@@ -13,10 +13,10 @@ import xarray as xr
 import xdynamics as xd
 from cases import smooth_models as smooth
 from cases.problems import MODELS, oscillator
+from xdynamics.evidence.grid_rounding import vanishing
 from xdynamics.figures.fit import panels_of as panels_of_fit
 from xdynamics.figures.ledger import panels_of as panels_of_ledger
 from xdynamics.figures.refinement import foot_of, telling
-from xdynamics.evidence.grid_rounding import vanishing
 
 
 @pytest.mark.dear
@@ -456,3 +456,54 @@ def test_a_fit_to_few_times_says_that_its_line_is_straight_between() -> None:
         panels_of_fit(fit)[1](axes)
         assert np.array_equal(axes.lines[0].get_ydata(), at)
         plt.close(figure)
+
+
+def test_compared_grids_are_drawn_by_their_uncertainty() -> None:
+    """Assert a panel for each number that differs by more than rounding, maps over two axes, lines over one, points of words."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    axes = {"vt": "20:60:3 m s-1", "v_y": "10:20:4 m s-1"}
+    asked = {"keep": ["event_time_ground", "end_y"], "method": "heun", "step": ["20 ms", "10 ms"]}
+    steps = {"step": asked.pop("step")}
+    grids = [
+        xd.sweep(model.replace(parameters={"g": g}), axes | steps, **asked) for g in ("9.80665 m s-2", "9.7 m s-2")
+    ]
+    found = xd.compare(*grids).compute()
+    figure = xd.plot(found)
+    drawn = [axis for axis in figure.axes if axis.get_title(loc="left")]
+    assert [axis.get_title(loc="left").split(",")[0] for axis in drawn] == ["end_time"] * 2 + ["event_time_ground"] * 2
+    assert "parameters: g: 9.80665 m s-2 | 9.7 m s-2" in "".join(text.get_text() for text in figure.texts)
+    lines = xd.plot(found.isel(v_y=1, solver_step=1))
+    assert [axis.get_title(loc="left") for axis in lines.axes] == [
+        f"{name}: 3 differ by more than their uncertainty" for name in ("end_time", "event_time_ground")
+    ]
+    grid = xd.sweep(model, {"method": ["heun", "rk4", "midpoint"]} | steps, keep=["event_time_ground"])
+    points = xd.plot(xd.contrast(grid.isel(solver_step=0), "method", reference="rk4"))
+    assert [label.get_text() for label in points.axes[0].get_yticklabels()] == ["heun", "midpoint"]
+
+
+def test_errors_of_single_steps_have_panels_of_their_own() -> None:
+    """Assert a panel for each unit of the defects, beside their order, one above that of the method."""
+    study = xd.refine(
+        xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"),
+        steps=["100 ms", "50 ms", "25 ms"],
+        method="rk4",
+        until="1 s",
+        defects=True,
+    )
+    figure = xd.plot(study)
+    titles = [axis.get_title(loc="left") for axis in figure.axes]
+    assert titles.count("largest error of a single step") == 2
+    legend = figure.axes[titles.index("largest error of a single step")].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["x", "order 5"]
+
+
+def test_a_pareto_front_lies_below_the_lines_of_methods() -> None:
+    """Assert one broad line for each problem, of the runs that none betters, and its name once in the legend."""
+    model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    axes = {"method": ["heun", "rk4"], "step": ["100 ms", "50 ms", "25 ms"], "k": [4.0, 9.0]}
+    found = xd.precision(model, axes, until="2 s", keep=["end_x"])
+    axis = xd.plot(found).axes[0]
+    broad = [line for line in axis.lines if line.get_linewidth() > 5.0]
+    assert len(broad) == 2
+    names = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert names[:2] == ["Pareto front", "heun, k = 4 N m-1"]

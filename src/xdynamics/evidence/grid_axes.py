@@ -51,7 +51,8 @@ def sweep_of(data: Any) -> xr.Dataset:
     for name, dim in joined.items():
         sweep[name].attrs[AXIS] = dim
     varied = {str(sweep[name].attrs[WHAT]) for name in joined}
-    dims = [*dict.fromkeys([*axes_said(sweep), *joined.values()])]
+    every = dict.fromkeys([*axes_said(sweep), *joined.values()])
+    dims = [*(dim for dim in every if dim not in sweep.dims), *(str(dim) for dim in sweep.dims if dim in every)]
     asked = {name: value for name, value in json.loads(str(sweep.attrs[ASKED])).items() if name not in varied}
     of_one = {OWN_DIGEST, *(f"solver_{name}{end}" for name in varied for end in ("", "_units"))}
     kept = {key: value for key, value in sweep.attrs.items() if key not in of_one}

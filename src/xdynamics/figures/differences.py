@@ -31,14 +31,13 @@ MOST_LINES = 8
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
-    """Return a panel for each number that differs anywhere, and each value of further axes; of all where none does."""
+    """Return a panel for each number that differs anywhere, and each value of further axes; see `_telling`."""
     names = [str(name).removeprefix(HEAD) for name in found.data_vars if str(name).startswith(HEAD)]
-    telling = [name for name in names if not _is_zero(found, name)]
     wide = [dim for dim in axes_said(found) if _is_wide(found, dim)][:2]
     draw = {2: _map, 1: _lines, 0: _points}[len(wide)]
     return [
         partial(draw, _part(found, name, where), name, wide)
-        for name in telling or names
+        for name in _telling(found, names)
         for where in (_places(found, name, wide) if len(wide) == 2 else [{}])
     ]
 
@@ -54,11 +53,10 @@ def foot_of(found: xr.Dataset) -> str:
     return f"{reference}: {differing} numbers differ by more than their uncertainty{untold}{cause}"
 
 
-def _is_zero(found: xr.Dataset, name: str) -> bool:
-    """Whether a number differs nowhere, but for what rounding leaves."""
-    difference, doubt = (found[f"{kind}{name}"].values.astype(float) for kind in (HEAD, "uncertainty_"))
-    is_small = (found[f"verdict_{name}"].values == WITHIN) & ~(np.abs(difference) <= doubt)  # by rounding alone
-    return bool((is_small | ~np.isfinite(difference) | (difference == 0.0)).all())
+def _telling(found: xr.Dataset, names: list[str]) -> list[str]:
+    """Name the numbers that differ in a member or may; where there is none, those that are not equal; else all."""
+    apart = [name for name in names if bool((found[f"verdict_{name}"] != WITHIN).any())]
+    return apart or [name for name in names if np.nan_to_num(found[f"{HEAD}{name}"].values).any()] or names
 
 
 def _is_wide(found: xr.Dataset, dim: str) -> bool:

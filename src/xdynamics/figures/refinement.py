@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.faults import few
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
@@ -27,16 +28,25 @@ if TYPE_CHECKING:
 MOST_ALONE = 3  # elements of a quantity, each of which has a panel
 MOST_NAMED = 3  # elements in one panel that have colours and names
 MOST_PLACES = 4  # of one number, in one panel
+MOST_PANELS = 6
+MOST_DEFECTS = 4  # numbers in one panel that have colours and names
 ROUNDINGS = 64  # spacings of a number's size, that levels differ by for no other cause
 FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not drawn
 
 
 def panels_of(study: xr.Dataset) -> list[Panel]:
     """Return the panel of each number of a refinement; one for many elements of a quantity."""
-    return [
+    differences = [
         partial(_of_elements, study, names) if len(names) > 1 else partial(_differences, study, names[0])
         for names in _parted(study)[0]
     ]
+    defects = dict[str, list[str]]()
+    for name in (str(name) for name in study.data_vars if str(name).startswith(DEFECT)):
+        if bool((abs(study[name]) > 0.0).any()):
+            defects.setdefault(str(study[name].attrs["units"]), []).append(name)
+    shown = MOST_PANELS - len(defects)
+    drawn = [partial(_defects, study, names) for names in defects.values()]
+    return [*differences[:shown], *drawn, *differences[shown:]]
 
 
 def _parted(study: xr.Dataset) -> tuple[list[list[str]], list[list[str]]]:
@@ -205,6 +215,32 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     axes.legend(fontsize=8, frameon=False)
 
 
+def _defects(study: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw the largest errors of single steps, of all numbers of one unit, over the levels."""
+    varied = study[str(study.attrs["varied"])]
+    steps = varied.values.astype(float)
+    sizes = {name: abs(study[name].values) for name in names}
+    order = sorted(names, key=lambda name: -float(np.nanmax(sizes[name], initial=0.0)))
+    for rank, name in reversed([*enumerate(order)]):
+        shown, size = sizes[name] > 0.0, sizes[name]
+        style: dict[str, Any] = {"color": "0.75", "linewidth": 0.6, "markersize": 2}
+        if rank < len(COLOURS) and rank < MOST_DEFECTS:
+            label = words(name.removeprefix(DEFECT))
+            style = {"color": COLOURS[rank], "linewidth": 1.0, "markersize": 4, "label": label}
+        axes.plot(steps[shown], size[shown], "o-", **style)
+        if rank == 0 and shown.any() and np.isfinite(float(study.attrs["formal_order"])):
+            first = np.flatnonzero(shown)[0]
+            slope = size[first] * (steps[shown] / steps[first]) ** (float(study.attrs["formal_order"]) + 1.0)
+            label = f"order {float(study.attrs['formal_order']) + 1.0:g}"
+            axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0, label=label)
+    _scale(axes)
+    log_steps(axes, steps)
+    axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
+    axes.set(ylabel=words(f"|error of one step| ({study[names[0]].attrs['units']})"))
+    axes.set_title(words("largest error of a single step"), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)
+
+
 def _of_elements(study: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw the differences of all elements of a quantity over its levels, at the last place with any; name the largest."""
     varied = study[str(study.attrs["varied"])]
@@ -252,4 +288,4 @@ def _known(study: xr.Dataset, name: str) -> str:
     return short_number(value if abs(value) > ROUNDINGS * EPS * size else 0.0)
 
 
-PAGE = Page(("refinement",), panels_of, foot_of, most_panels=6)
+PAGE = Page(("refinement",), panels_of, foot_of, most_panels=MOST_PANELS)

@@ -17,6 +17,7 @@ from xdynamics.archive import open_run, without_stale_units
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.grid_axes import AXES, axes_said, is_sweep, sweep_of
+from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.interchange.tree import NODES, nodes_of
 from xdynamics.record.flag_words import words_of
@@ -71,13 +72,12 @@ FIRST = (
     "event_time_uncertainty",
     "event_residual",
 )
-DEFECT = "step_defect_"
 AHEAD = {"axis": 0, "time": 1}  # roles of what a row begins with
 HIDDEN = ("run_digest", "run_seal", "case_run")  # digests, on a terminal
 MOST_COLUMNS = 16_384  # of a sheet of a workbook
 MOST_SHOWN = 24  # rows on a terminal
 TIME, VALUE, DOUBT, ORDER = ".15g", ".10g", ".3g", ".2f"  # forms of numbers there: times as they are
-BRIEFLY = ("difference_", "uncertainty_", "interpolation_error_", "scaled_", "step_defect_"), ("_uncertainty", "_doubt")
+BRIEFLY = ("difference_", "uncertainty_", "interpolation_error_", "scaled_", DEFECT), ("_uncertainty", "_doubt")
 BRIEF = ("residual", "bound", "event_residual", "uncertainty")
 MOST_OBSERVED = 12  # observables on a board
 WIDEST = 44  # letters of a cell there

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+DEFECT = "step_defect_"  # head of variables: the largest error of one step at each level
 PARTS = 16  # steps in the place of one
 LOOKED_AT = 256  # steps of a run, spread over it
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.evidence.refining.family import ROLE, Watched, family
 from xdynamics.evidence.refining.judgements import FEW_STEPS
 from xdynamics.evidence.refining.readings import Common, Outline, Readings
@@ -30,7 +31,7 @@ Floats = NDArray[np.float64]
 
 MODEL = "model_toml"
 SPREAD, FINER = 1e-2, 1e-9  # parts of a rank: between studies that are as long, from a level to the next
-DEFECT = (
+DEFECT_SAID = (
     "largest difference of {} between one step and sixteen in its place, among steps spread over the run: the local"
     " error beside that which came together"
 )
@@ -175,10 +176,10 @@ def _of_runs(subjects: Subjects, findings: Findings) -> dict[str, Any]:
         for name, level in findings.crossed.items()
     }
     return variables | {
-        f"step_defect_{name}": (
+        f"{DEFECT}{name}": (
             (LEVEL, *subjects.dims(name)),
             defects,
-            about(subjects.recorded(name).units, DEFECT.format(name), ROLE),
+            about(subjects.recorded(name).units, DEFECT_SAID.format(name), ROLE),
         )
         for name, defects in findings.defects.items()
     }
