@@ -17,7 +17,6 @@ from xdynamics.figures.marks import COLOURS, in_unit, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep_labels import labelled, other_axes
 from xdynamics.schema import AT, OCCURRENCE
-from xdynamics.units.digits import short_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,9 +156,9 @@ def _labelled(part: xr.Dataset, name: str) -> str:
 
 
 def _beyond(part: xr.Dataset, name: str) -> str:
-    """Say how many differ, and what the circles are."""
-    count = int((part[f"verdict_{name}"].values == DIFFERS).sum())
-    return f": {short_number(float(count))} differ by more than their uncertainty" if count else ""
+    """Say how many differ by more than their uncertainty."""
+    verdicts = part[f"verdict_{name}"].values
+    return f": {int((verdicts == DIFFERS).sum())} of {verdicts.size} differ"
 
 
 PAGE = Page(("sweep comparison", "contrast"), panels_of, foot_of, most_panels=8, height=3.6, alone=7.0)
