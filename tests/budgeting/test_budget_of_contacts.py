@@ -87,7 +87,7 @@ def test_runs_that_met_other_events_leave_a_number_of_unknown_uncertainty() -> N
     assert [float(budget[name]) for name in ("numerical_bound", "numerical_rss", "total_rss")] == [np.inf] * 3
     assert budget.result.item() == f"{budget.value.item():.6g} m, of unknown uncertainty"
     lines = list(lines_of(budget))
-    assert "numerical truncation      unknown" in lines
+    assert any(line.split()[:3] == ["truncation", "numerical", "unknown"] for line in lines)
     (why,) = (line for line in lines if "did not meet the same events" in line)
     assert f"step_size 0.005 and 0.0025 did not meet the same events (balls {counts[0]} and {counts[1]} times)" in why
     assert any(line.startswith("totals    numerical unknown, at most unknown; physical 0 m;") for line in lines)

@@ -459,9 +459,10 @@ def test_a_budget_in_words_begins_with_the_largest_share() -> None:
     """Assert order, numbers, signs and units of every line of a budget that was not drawn."""
     assert list(lines_of(budget_in_words())) == [
         "result    time of apex = 3 s",
-        "physical  g           0.02 s, -70.0% of the variance, -2.5 m-1 s2 times 0.008 m s-2",
-        "physical  f           0.50 ± 0.06 s, 20.0% of the variance, 3 times 1",
-        "numerical truncation  0.012 s, 10.0% of the variance",
+        "term        kind       standard uncertainty  of the variance  sensitivity times input",
+        "g           physical   0.02 s                -70.0%           -2.5 m-1 s2 times 0.008 m s-2",
+        "f           physical   0.50 ± 0.06 s         20.0%            3 times 1",
+        "truncation  numerical  0.012 s               10.0%",
         "totals    numerical 0.012 s, at most 0.03 s; physical 0.51 s; together 0.52 s",
         "linear    not checked: draw, with --draws 10000",
     ]
@@ -483,7 +484,7 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
     )
     lines = list(lines_of(found))
     assert lines[1] == "found     located by an event, at t = 1.5 s"
-    assert lines[6:] == [
+    assert lines[7:] == [
         "drawn     shortest 95% interval 2.01 to 3.90 s, its ends ± 0.01 s",
         "drawn     symmetric 95% interval 2.03 to 3.96 s, its ends ± 0.01 s",
         "drawn     standard uncertainty 0.499 ± 0.006 s, of 4000 draws",

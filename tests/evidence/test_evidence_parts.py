@@ -564,8 +564,9 @@ def test_a_comparison_in_words() -> None:
         "cause     why",
         "times     3 at which both are known",
         "parted    nowhere by more than interpolation can be off",
-        "largest   difference_x = -3 m at t = 2 s, scaled -0.5 by 6 m",
-        "largest   difference_event_time_low = 0.5 s occurrence 2, scaled 0.25 by 2 s",
+        "difference of   largest  where         over its scale",
+        "x               -3 m     t = 2 s       -0.5 of 6 m",
+        "event_time_low  0.5 s    occurrence 2  0.25 of 2 s",
     ]
     found.attrs["identical"] = True
     assert comparison_in_words(found) == ["the same: 3 variables and every setting, bit for bit"]

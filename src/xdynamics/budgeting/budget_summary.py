@@ -13,7 +13,7 @@ from xdynamics.evidence.diagnosing.heights import RULES, SAID
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
 from xdynamics.units import SECONDS
-from xdynamics.units.digits import known_to, uncertainty_alone, with_uncertainty
+from xdynamics.units.digits import aligned, known_to, uncertainty_alone, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,16 +25,8 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     unit = _unit(units)
     yield f"result    {budget.attrs['of']} = {stated(budget, 'result')}"
     yield from place_of(budget)
-    kinds, shares = words_of(budget["term_kind"]), budget["share"].values
-    width = max(len(str(text)) for text in budget["term_name"].values)
-    for i in by_share(budget):
-        name, standard = str(budget["term_name"].values[i]), float(budget["standard_uncertainty"][i])
-        slope, slope_units = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
-        size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit(budget['input_units'].values[i])}"
-        product = f", {slope:.4g}{_unit(slope_units)} times {size}" if np.isfinite(slope) else ""
-        contribution = f"{contributed(standard, doubt_of(budget, i))}{unit if standard < inf else ''}"
-        share = f", {shares[i]:.1%} of the variance" if np.isfinite(shares[i]) else ""
-        yield f"{kinds[i]:<10}{name:<{width}}  {contribution}{share}{product}"
+    header = ("term", "kind", "standard uncertainty", "of the variance", "sensitivity times input")
+    yield from aligned(header, (_row(budget, i, unit) for i in by_share(budget)))
     yield from _unknown(budget)
     numerical, bound, physical, total = (
         contributed(float(budget[name])) + (unit if float(budget[name]) < inf else "")
@@ -60,6 +52,20 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     yield (
         f"linear    {verdict}: its interval ends {short(float(stated(budget, 'linear_apart')), 2)}{unit} from that of the"
         f" draws{remedy}"
+    )
+
+
+def _row(budget: xr.Dataset, i: int, unit: str) -> tuple[str, ...]:
+    """Return the words of a term: what it contributes, its share, and how that follows from its input."""
+    standard, share = float(budget["standard_uncertainty"][i]), float(budget["share"][i])
+    slope, slope_unit = float(budget["sensitivity"][i]), _unit(str(budget["sensitivity_units"].values[i]))
+    size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit(budget['input_units'].values[i])}"
+    return (
+        str(budget["term_name"].values[i]),
+        words_of(budget["term_kind"])[i],
+        f"{contributed(standard, doubt_of(budget, i))}{unit if standard < inf else ''}",
+        f"{share:.1%}" if np.isfinite(share) else "",
+        f"{slope:.4g}{slope_unit} times {size}" if np.isfinite(slope) else "",
     )
 
 

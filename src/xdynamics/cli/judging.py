@@ -289,15 +289,19 @@ def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | 
 
 @main.command()
 @click.argument("first", metavar="RUN.nc|SWEEP")
-@click.argument("second", metavar="OTHER.nc|DATA|SWEEP")
+@click.argument("others", metavar="OTHER.nc…|DATA|SWEEP", nargs=-1, required=True)
 @click.option(
     "--at", "times", multiple=True, metavar="TIME", help="A time at which to compare; by default every accepted step."
 )
 @measured_data
 @click.option("-o", "--output", metavar="C.nc", help="Where to write the comparison.")
 @json_option
-def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None, **named: Any) -> None:
+def compare(
+    first: str, others: tuple[str, ...], times: tuple[str, ...], gaps: str, output: str | None, **named: Any
+) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
+
+    Of several runs each is compared with the first, at the same times: a row a run.
 
     Two sweeps, of folders or files, are compared member by member: which differ by more than they are uncertain, and why.
 
@@ -315,10 +319,13 @@ def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: 
 
     _check(output)
     run = opened(first)
-    is_data = second.lower().endswith(TABLES) or is_foreign(second)
-    other = second if is_data else opened(second)
+    second = others[0]
+    is_data = len(others) == 1 and (second.lower().endswith(TABLES) or is_foreign(second))
+    other: Any = second if is_data else opened(second)
+    if len(others) > 1:
+        other = [opened(name) for name in others]
     at = [time_in(time_unit(run), text, "--at") for text in times] or None
-    if not isinstance(other, str) and is_sweep(run) and is_sweep(other):
+    if is_sweep(run) and is_sweep(other):
         run, other = run.compute(), other.compute()  # the numbers of the catalogues
     table = compared(run, other, at, gaps=gaps, reading=reading_of(named))
     _kept(table, SUMMARIES[str(table.attrs["evidence"])], output)

@@ -10,11 +10,12 @@ import numpy as np
 import xarray as xr
 
 from xdynamics import schema
+from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, in_unit, label_time, typeset, words
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.schema import AT, AT_TIME
+from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.shapes import parted
 
 if TYPE_CHECKING:
@@ -35,6 +36,10 @@ def panels_of(comparison: xr.Dataset) -> list[Panel]:
     InputError
         If no quantity was compared.
     """
+    if comparison.attrs.get(EVIDENCE) == OF_SEVERAL:
+        along = [str(name) for name, one in comparison.data_vars.items() if one.dims == ("run", AT)]
+        heads = [name.removeprefix("difference_") for name in along if name.startswith("difference_")]
+        return [partial(_of_several, comparison, name) for name in heads]
     names = [
         str(name).removeprefix("difference_")
         for name, item in comparison.data_vars.items()
@@ -69,6 +74,9 @@ def _farthest_first(comparison: xr.Dataset, names: list[str]) -> list[list[str]]
 
 def foot_of(comparison: xr.Dataset) -> str:
     """Describe what differs, and since when."""
+    if comparison.attrs.get(EVIDENCE) == OF_SEVERAL:
+        runs = zip(comparison["run_name"].values.tolist(), comparison["cause"].values.tolist(), strict=True)
+        return "; ".join(f"{run}: {cause or 'the same'}" for run, cause in runs)
     parted, cause = (str(comparison.attrs.get(key, "")) for key in ("parted", "cause"))
     return "; ".join(
         filter(
@@ -160,4 +168,21 @@ def _apart(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     axes.set_title(words(f"{title}{suffix}"), loc="left", fontsize=10)
 
 
-PAGE = Page(("comparison",), panels_of, foot_of, most_panels=12)
+def _of_several(found: xr.Dataset, name: str, axes: Axes) -> None:
+    """Draw how far each of several runs is from the reference, on a logarithmic scale, and what interpolation may be off."""
+    time, units = found[AT_TIME].values, str(found[f"difference_{name}"].attrs["units"])
+    for k, run in enumerate(found["run_name"].values[:MOST_LINES].tolist()):
+        apart = np.abs(found[f"difference_{name}"].isel(run=k).values)
+        apart[apart == 0.0] = np.nan
+        rows = thinned(apart)
+        axes.plot(time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(run))
+    if any(np.isfinite(line.get_ydata()).any() for line in axes.lines):
+        axes.set_yscale("log")
+    label_time(axes, found[AT_TIME])
+    axes.set(ylabel=words(f"|difference| ({units})"))
+    left_out = f", {MOST_LINES} of {found.sizes['run']} runs" if found.sizes["run"] > MOST_LINES else ""
+    axes.set_title(words(f"{name}{left_out}"), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)
+
+
+PAGE = Page(("comparison", OF_SEVERAL), panels_of, foot_of, most_panels=12)

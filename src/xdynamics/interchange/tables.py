@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from xdynamics.archive import open_run, without_stale_units
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import is_folder, taking_name
+from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL
 from xdynamics.evidence.grid_axes import AXES, axes_said, is_sweep, sweep_of
 from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.faults import ArchiveError, InputError
@@ -60,6 +61,7 @@ ROWS = {
     "cases": CASE,
     "terms": "term",
     "levels": LEVEL,
+    "runs": "run",
     "times": AT,
 }
 OF_LEVEL = ("", "difference_", "order_", "verdict_")  # of each observable, in this order
@@ -265,7 +267,20 @@ def _columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
         plain = nodes_of(plain)[NODES[dim]].to_dataset()
     if dim == LEVEL and data.attrs.get(EVIDENCE) == "refinement":
         return _levels(plain)
+    if data.attrs.get(EVIDENCE) == OF_SEVERAL:  # a row a run tells no times
+        own = [str(name) for name, one in plain.variables.items() if one.dims == (dim,)]
+        return _along(plain, (dim,), sorted(own, key=lambda name: _rank(name, plain.variables[name])))
     return _along(plain, (dim,))
+
+
+def _rank(name: str, variable: xr.Variable) -> int:
+    """Return what a column comes by: values of axes, times, names and kinds, numbers, sentences."""
+    role = str(variable.attrs.get("role"))
+    if role in AHEAD:
+        return AHEAD[role]
+    if name.endswith(("_name", "_kind")):
+        return len(AHEAD)
+    return len(AHEAD) + (2 if name.endswith(("_rule", "_text")) else 1)
 
 
 def _levels(study: xr.Dataset) -> Iterator[TableColumn]:
@@ -285,7 +300,7 @@ def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None 
             found = [
                 str(name) for name, one in data.variables.items() if not (_is_parameter(one) or name in TEXT_NAMES)
             ]
-        names = sorted(found, key=lambda name: AHEAD.get(str(data.variables[name].attrs.get("role")), len(AHEAD)))
+        names = sorted(found, key=lambda name: _rank(name, data.variables[name]))
     shape = tuple(data.sizes[dim] for dim in rows)
     for name in names:
         variable = data.variables[name]
@@ -447,10 +462,20 @@ def _board_of_modes(modes: xr.Dataset) -> list[list[Shown]]:
     return [[_shown_as(column)] for column in columns] if modes.sizes.get("mode") else []
 
 
+def _board_of_runs(found: xr.Dataset) -> list[list[Shown]]:
+    """Return a row a run, with the largest difference of each quantity from the reference."""
+    head = "largest_difference_"
+    names = [str(name) for name in found.data_vars if str(name).startswith(head)][:MOST_OBSERVED]
+    columns = [replace(one, name=one.name.removeprefix(head)) for one in _along(found, ("run",), names)]
+    runs = found["run_name"].values.astype(object)
+    return [[("largest difference of", "", runs)], *([(_header(one), DOUBT, one.values)] for one in columns)]
+
+
 _BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
     "refinement": _board_of_levels,
     "ledger": _board_of_cases,
     "modes": _board_of_modes,
+    OF_SEVERAL: _board_of_runs,
 }
 
 

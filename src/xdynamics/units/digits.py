@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, floor, inf, isfinite, log10
 
 MOST = 15  # digits that every double holds
@@ -145,3 +145,17 @@ def scientific(value: float, places: int) -> str:
 def _fixed(value: float, places: int) -> str:
     """Write a number rounded to decimal places, left of the point where they are negative; zero has no sign."""
     return f"{round(value, places) + 0.0:.{max(places, 0)}f}"
+
+
+def aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield a table in lines: a header and rows of words, each column as wide as its longest.
+
+    Examples
+    --------
+    >>> [*aligned(("term", "size"), [("truncation", "1 m"), ("g", "0.2 m")])]
+    ['term        size', 'truncation  1 m', 'g           0.2 m']
+    """
+    table = [header, *rows]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table if len(table) > 1 else ():
+        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()

@@ -16,6 +16,7 @@ from xdynamics.evidence.comparing.grids import compare_sweeps
 from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
 from xdynamics.evidence.comparing.measured import is_measured
 from xdynamics.evidence.comparing.residuals import residuals
+from xdynamics.evidence.comparing.several import compare_each
 from xdynamics.evidence.grid_axes import is_sweep
 from xdynamics.evidence.runs import by_quantities
 from xdynamics.evidence.stages import task_of
@@ -43,14 +44,14 @@ def compare(
     compute: bool = True,
     sizes: Mapping[str, int] | None = None,
 ) -> xr.Dataset:
-    """Compare two runs of any steps, a run with measured data, or two sweeps; see `grids.compare_sweeps` of these.
+    """Compare runs of any steps with a first one, a run with measured data, or two sweeps; see `grids.compare_sweeps` of these.
 
     Parameters
     ----------
     first : xarray.Dataset
         A run record, or a sweep.
-    second : xarray.Dataset, pandas.DataFrame, str or Path
-        Another run record; or measured data: a file (CSV, of an instrument, Excel, netCDF) or a DataFrame whose columns have units, ``time [s]``,
+    second : xarray.Dataset, sequence or mapping of these, pandas.DataFrame, str or Path
+        Another run record; several, by name or in a list, each of which is compared with the first; or measured data: a file (CSV, of an instrument, Excel, netCDF) or a DataFrame whose columns have units, ``time [s]``,
         ``y [mm]`` and, if known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
         a variable `time`, units as attributes, and uncertainties as `u_y`.
     times : array_like of float, shape (n,), s, optional
@@ -83,7 +84,8 @@ def compare(
         location. Along `variable`: `name`, `same`, `first_row`, bit for bit. Attributes name what
         differs: `parameters`, `initial`, `model`, `settings`, `events` (a line each), `parted` (since when the runs are
         further apart than interpolation can be), `cause`, `first_difference`, `identical`. On dask arrays the
-        differences of states are lazy, and nothing else is returned, unless ``compute=False``. With data: `measured_y`, y as computed,
+        differences of states are lazy, and nothing else is returned, unless ``compute=False``. With several runs all of this
+        is along `run` too, what are attributes else as texts, with `run_name` and ``largest_difference_y``. With data: `measured_y`, y as computed,
         `difference_y` (measured minus computed), `scaled_difference_y` (over `difference_scale_y`, the largest
         measured y), `interpolation_error_y`, `measured_uncertainty_y`, and without a dimension `rms_difference_y`,
         `scaled_rms_difference_y` and `reduced_chi_square_y`.
@@ -113,6 +115,10 @@ def compare(
             )
         return compare_sweeps(first, second)
     _check(first)
+    if isinstance(second, Mapping | list | tuple) and not isinstance(second, xr.Dataset):
+        if not compute or sizes is not None:
+            raise InputError("compute and sizes are for a single second run; of several each is compared at once")
+        return _each(first, second, times, functions)
     if "model_toml" not in first.variables:
         raise InputError("compare needs the model of the run, and 'model_toml' was left out")
     if compute and sizes is not None:
@@ -130,6 +136,29 @@ def compare(
     if not compute:
         return described(first, second, at, functions, {} if sizes is None else sizes)
     return compared(first, second, at, functions)
+
+
+def _each(first: xr.Dataset, others: Any, times: Any, functions: Functions | None) -> xr.Dataset:
+    """Compare several runs with a first one; those without names are called by their files, or numbered."""
+    named = others if isinstance(others, Mapping) else {_name(run, i): run for i, run in enumerate(others, 2)}
+    if not isinstance(others, Mapping) and len(named) < len(others):
+        named = {f"{i} {_name(run, i)}": run for i, run in enumerate(others, 2)}
+    for run in (first, *named.values()):
+        _check(run)
+        if "model_toml" not in run.variables:
+            raise InputError("compare needs the models of all runs, and 'model_toml' was left out of one")
+    elements = [_alike(first, run, functions) for run in named.values()]
+    reference = first if all(pair[0] is first for pair in elements) else unfold(first)
+    runs = {
+        name: pair[1] if pair[0] is reference else unfold(pair[1]) for name, pair in zip(named, elements, strict=True)
+    }
+    at = None if times is None else wanted_times(times, time_unit(first))
+    return compare_each(reference, runs, at, functions)
+
+
+def _name(run: Any, number: int) -> str:
+    source = getattr(run, "encoding", {}).get("source")
+    return Path(source).name if source else f"run {number}"
 
 
 def _alike(first: xr.Dataset, second: xr.Dataset, functions: Functions | None) -> tuple[xr.Dataset, xr.Dataset]:

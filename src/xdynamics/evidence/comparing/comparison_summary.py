@@ -15,9 +15,10 @@ from xdynamics.record import whole_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import short_number, with_uncertainty
+from xdynamics.units.digits import aligned, short_number, with_uncertainty
 
 ROLE = "difference"
+OF_SEVERAL = "comparison of runs"  # a kind of evidence
 TOLD = (
     "identical",
     "first_difference",
@@ -54,28 +55,36 @@ def lines_of(table: xr.Dataset) -> list[str]:
 def _largest(table: xr.Dataset) -> Iterator[str]:
     """Yield the largest difference of each quantity, of one with dimensions that of the element where it is largest."""
     table = whole_of(table)
+    differences, others = [], []
     for name, variable in table.data_vars.items():
         if variable.attrs.get("role") == ROLE and variable.dims and np.isfinite(variable.values).any():
-            worst = np.unravel_index(int(np.nanargmax(np.abs(variable.values))), variable.shape)
-            place = {str(dim): int(i) for dim, i in zip(variable.dims, worst, strict=True)}
-            where = (
-                f"at t = {float(table[AT_TIME][place[AT]]):.9g}{unit_suffix(time_unit(table))}"
-                if AT in place
-                else f"occurrence {place.get(OCCURRENCE, 0) + 1}"
-            )
-            kind, _, quantity = str(name).partition("_")
-            yield (
-                f"largest   {name}{_element(table, place)} = {_known(table, str(name), place)} {variable.attrs['units']}"
-                f" {where}{_over_scale(table, kind, quantity, place)}"
-            )
+            differences.append(_row(table, str(name)))
         elif variable.attrs.get("role") == "residual" and not variable.dims:
             scale = (
                 f", scaled {float(table[schema.scaled(str(name))]):.3g}" if schema.scaled(str(name)) in table else ""
             )
-            yield (
-                f"{name} ="
-                f" {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
-            )
+            others.append(f"{name} = {float(variable):.6g}{unit_suffix(variable.attrs['units'])}{scale}")
+    yield from aligned(("difference of", "largest", "where", "over its scale"), differences)
+    yield from others
+
+
+def _row(table: xr.Dataset, name: str) -> tuple[str, ...]:
+    """Return the words of a difference: where it is largest, what it is uncertain by, and how it is to its scale."""
+    variable = table[name]
+    worst = np.unravel_index(int(np.nanargmax(np.abs(variable.values))), variable.shape)
+    place = {str(dim): int(i) for dim, i in zip(variable.dims, worst, strict=True)}
+    where = (
+        f"t = {float(table[AT_TIME][place[AT]]):.9g}{unit_suffix(time_unit(table))}"
+        if AT in place
+        else f"occurrence {place.get(OCCURRENCE, 0) + 1}"
+    )
+    kind, _, quantity = name.partition("_")
+    return (
+        f"{quantity}{_element(table, place)}",
+        f"{_known(table, name, place)}{unit_suffix(variable.attrs['units'])}",
+        where,
+        _over_scale(table, kind, quantity, place),
+    )
 
 
 def _known(table: xr.Dataset, name: str, place: Mapping[str, int]) -> str:
@@ -104,9 +113,18 @@ def _over_scale(table: xr.Dataset, kind: str, name: str, place: Mapping[str, int
     """Describe a difference relative to its scale."""
     scale = table[schema.scale(kind, name)]
     scale = scale[{dim: i for dim, i in place.items() if dim in scale.dims}]
-    units = "" if scale.attrs["units"] == "1" else f" {scale.attrs['units']}"
     value = float(table[schema.scaled(f"{kind}_{name}")][place])
-    return f", scaled {value:.3g} by {float(scale):.3g}{units}"
+    return f"{value:.3g} of {float(scale):.3g}{unit_suffix(scale.attrs['units'])}"
 
 
-SUMMARIES = {"comparison": lines_of} | grids.SUMMARIES
+def lines_of_several(found: xr.Dataset) -> Iterator[str]:
+    """Say of each of several runs why, and since when, it is apart from the reference."""
+    yield f"times     {found.sizes[AT]} at which all are known"
+    for i, run in enumerate(found["run_name"].values.tolist()):
+        if int(found["identical"][i]):
+            yield f"{run}: the same, bit for bit"
+        else:
+            yield f"{run}: {found['cause'].values[i]}; apart since {found['parted'].values[i] or 'nowhere'}"
+
+
+SUMMARIES = {"comparison": lines_of, OF_SEVERAL: lines_of_several} | grids.SUMMARIES

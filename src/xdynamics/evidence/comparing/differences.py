@@ -101,16 +101,17 @@ def wanted(first: xr.Dataset, at: Floats) -> tuple[tuple[str], Floats, dict[str,
     return (AT,), at, about(time_unit(first).text, "time of comparison", "time")
 
 
-def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
-    """Return every accepted time of either run that both reach.
+def common_times(*runs: xr.Dataset) -> Floats:
+    """Return every accepted time of some run that all reach.
 
     Raises
     ------
     InputError
         If there is none, or the times of a run decrease.
     """
-    grids, unit = [np.asarray(run["time"]) for run in (first, other)], unit_suffix(time_unit(first))
-    for which, grid in zip(("first", "second"), grids, strict=True):
+    grids, unit = [np.asarray(run["time"]) for run in runs], unit_suffix(time_unit(runs[0]))
+    words = ("first", "second") if len(runs) == 2 else [f"{number}." for number in range(1, len(runs) + 1)]
+    for which, grid in zip(words, grids, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
             raise InputError(
                 f"the times of the {which} run do not increase after t = {float(grid[wrong[0]])!r}{unit}, as a run's do"
@@ -118,9 +119,9 @@ def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     begin, end = max(grid[0] for grid in grids), min(grid[-1] for grid in grids)
     if begin > end:
         spans = [f"{float(grid[0])!r}{unit} to {float(grid[-1])!r}{unit}" for grid in grids]
-        raise InputError(f"the runs have no time in common: one goes from {spans[0]}, the other from {spans[1]}")
-    union: Floats = np.union1d(*grids)
-    for run, grid in zip((first, other), grids, strict=True):
+        raise InputError(f"the runs have no time in common: one goes from {', the other from '.join(spans)}")
+    union: Floats = np.unique(np.concatenate(grids))
+    for run, grid in zip(runs, grids, strict=True):
         if rows_apart(run.attrs) > 1:  # nothing is known between the rows that were kept
             union = union[np.isin(union, grid)]
     inside: Floats = union[(union >= begin) & (union <= end)]
