@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     )
     from xdynamics.figures import plot
     from xdynamics.figures.animation import animate
+    from xdynamics.interchange.run_index import open_runs
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
     from xdynamics.record import check
@@ -102,6 +103,7 @@ _ROOMS = {
     ),
     "figures": ("plot",),
     "figures.animation": ("animate",),
+    "interchange.run_index": ("open_runs",),
     "methods": ("METHODS",),
     "model": ("Model",),
     "record": ("check",),
@@ -160,6 +162,7 @@ __all__ = [
     "modes",
     "open_logs",
     "open_run",
+    "open_runs",
     "open_sweep",
     "plot",
     "precision",

@@ -238,7 +238,10 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "no folder": (["ball.nc", "-o", "none/t.csv"], "cannot be written: there is no folder 'none'"),
     "missing": (["none.nc"], "'none.nc' does not exist"),
     "several": (["ball.nc", "ball.nc", "--of", "steps"], "of 2 files each has a row; give one for --of"),
-    "evidence among several": (["ball.nc", "ledger.nc"], "'ledger.nc' is no run; of several files each is one"),
+    "evidence among several": (
+        ["ball.nc", "ledger.nc"],
+        "'ledger.nc' is evidence, no run: a ledger from 1 run; an index is of runs",
+    ),
     "text": (["text.nc"], "is damaged or no run archive"),
 }
 
@@ -270,14 +273,6 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch, tmp
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(xd.InputError, match=r"\.parquet needs pyarrow, .* pip install 'xdynamics\[tables\]'"):
         tables.check_target(tmp_path / "t.parquet")
-
-
-def test_several_runs_have_a_row_each(folder: Path, run: xr.Dataset) -> None:
-    """Assert how each was marched, how it ended and where."""
-    made = tables.of_runs([folder / "ball.nc", folder / "ball.nc"])
-    assert made["method"].tolist() == ["velocity_verlet"] * 2
-    assert made["events"].tolist() == [2, 2]
-    assert made["end y [m]"].tolist() == [float(run.y[-1])] * 2
 
 
 def test_refine_and_show_print_the_board(folder: Path, study: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:

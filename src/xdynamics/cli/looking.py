@@ -178,22 +178,31 @@ def sample(archive: str, times: str, output: str | None) -> None:
     "-o", "--output", metavar="T.csv|.xlsx|.parquet|.md|.tex", help="The table to write; printed if not given."
 )
 @click.option("--rounded", is_flag=True, help="Round each number to the digits that its uncertainty supports.")
+@click.option(
+    "--keep",
+    "kept",
+    multiple=True,
+    metavar="WORD",
+    help="Of several runs: which numbers, like event_time_ground or energy_drift; by default the states at their ends.",
+)
 @json_option
-def table(archives: tuple[str, ...], of: str | None, output: str | None, rounded: bool) -> None:
+def table(archives: tuple[str, ...], of: str | None, output: str | None, rounded: bool, kept: tuple[str, ...]) -> None:
     """Write what a file holds as a table, with units in its headers: of a run its steps, of a refinement its levels.
 
-    Events have both one-sided states in their row; a sweep's folder has a row a member; of several runs each has a row.
+    Of several runs, or those of a folder with --keep, each has a row. Events have both one-sided states in their row; a sweep's folder has a row a member.
     The states at chosen times are written by `xdynamics sample`.
     """
     from xdynamics.archive.place import placed
     from xdynamics.faults import InputError
     from xdynamics.interchange import tables
+    from xdynamics.interchange.run_index import open_runs
 
     target = tables.check_target(placed(output)) if output else None
-    if len(archives) > 1:
+    if len(archives) > 1 or kept:
         if of is not None or rounded:
             raise InputError(f"of {len(archives)} files each has a row; give one for {'--of' if of else '--rounded'}")
-        made = tables.of_runs(archives)
+        words = [word for text in kept for word in names_in(text) if word] or ["end"]
+        made = tables.table(open_runs(archives if len(archives) > 1 else archives[0], keep=words))
     else:
         made = tables.table(opened(archives[0]), of, rounded=rounded)
     say([tables.write(made, target)] if target is not None else tables.lines_of(made, width()))

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 
 @main.command()
-@click.argument("model_file", metavar="MODEL.toml|RUN.nc")
-@click.option("-o", "--output", required=True, metavar="RUN.nc", help="The archive to write.")
+@click.argument("model_files", metavar="MODEL.toml|RUN.nc…", nargs=-1, required=True)
+@click.option(
+    "-o", "--output", required=True, metavar="RUN.nc|FOLDER", help="The archive to write; of several models a folder."
+)
 @click.option(
     "--set",
     "changes",
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 @json_option
 @settings()
 def run(
-    model_file: str,
+    model_files: tuple[str, ...],
     output: str,
     changes: tuple[str, ...],
     times: str | None,
@@ -49,13 +51,45 @@ def run(
 ) -> None:
     """March a model file and archive the run; of an archived run its model, with the settings of that run.
 
-    A long run keeps its finished segments beside the archive until it is complete; --resume continues from them.
+    Of several models each has an archive of its name in the folder. A long run keeps its finished segments beside the
+    archive until it is complete; --resume continues from them.
     """
+    archives = _archives(model_files, output)
+    models = {archive: changed_model(file, changes, tables) for file, archive in archives.items()}
+    finished = [_march(archive, model, times, resume, memory, asked(given)) for archive, model in models.items()]
+    sys.exit(DONE if all(finished) else BADLY)
+
+
+def _archives(model_files: tuple[str, ...], output: str) -> dict[str, str]:
+    """Return the archive of each model file.
+
+    Raises
+    ------
+    InputError
+        If two files have one name, or what several are archived in is a file, or has the name of one.
+    """
+    from pathlib import Path
+
+    from xdynamics.faults import InputError
+
+    if len(model_files) == 1:
+        return {model_files[0]: output}
+    if Path(output).suffix == ".nc" or Path(output).is_file():
+        raise InputError(f"-o {output!r} is one archive, and there are {len(model_files)} models; give a folder")
+    names = [Path(file).stem for file in model_files]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"two models are called {repeated[0]!r}, and would have one archive; march them apart")
+    Path(output).mkdir(exist_ok=True)
+    return {file: str(Path(output) / f"{name}.nc") for file, name in zip(model_files, names, strict=True)}
+
+
+def _march(
+    output: str, model: Model, times: str | None, resume: bool, memory: str | None, arguments: dict[str, Any]
+) -> bool:
+    """March a model into an archive, print its summary, and return whether it ended well."""
     from xdynamics.archive import check_archive
     from xdynamics.archive.place import placed
 
-    model = changed_model(model_file, changes, tables)
-    arguments = asked(given)
     check_archive(placed(output), model)  # before what marches is imported
     from xdynamics.simulation.single_run import simulate
 
@@ -74,7 +108,7 @@ def run(
         from xdynamics.interchange.csv_export import tabled
 
         say([tabled(finished, sample_times, table)])
-    _close(finished, output)
+    return _told(finished, output)
 
 
 @main.command(makes=True)
@@ -119,6 +153,11 @@ def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
 
 def _close(finished: xr.Dataset, output: str) -> None:
     """Print the summary of a run, and end with the exit code of its outcome."""
+    sys.exit(DONE if _told(finished, output) else BADLY)
+
+
+def _told(finished: xr.Dataset, output: str) -> bool:
+    """Print the summary of a run, and return whether it ended well."""
     from xdynamics.archive import has_segments
     from xdynamics.archive.place import placed
     from xdynamics.documenting.summary import summary
@@ -128,7 +167,7 @@ def _close(finished: xr.Dataset, output: str) -> None:
     hand_over(finished, archive=str(finished.encoding["source"]))
     if has_segments(placed(output)):
         say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
-    sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
+    return finished.attrs["run_outcome"] in GOOD
 
 
 def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "below") -> Model:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive import open_run, without_stale_units
-from xdynamics.archive.place import Given, Place
+from xdynamics.archive import without_stale_units
+from xdynamics.archive.place import Place
 from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL
 from xdynamics.evidence.grid_axes import AXES, axes_said, is_sweep, sweep_of
@@ -75,7 +75,7 @@ FIRST = (
     "event_residual",
 )
 AHEAD = {"axis": 0, "time": 1}  # roles of what a row begins with
-HIDDEN = ("run_digest", "run_seal", "case_run")  # digests, on a terminal
+HIDDEN = ("run_digest", "run_seal", "case_run", "model_digest", "content_digest")  # digests, on a terminal
 MOST_COLUMNS = 16_384  # of a sheet of a workbook
 MOST_SHOWN = 24  # rows on a terminal
 TIME, VALUE, DOUBT, ORDER = ".15g", ".10g", ".3g", ".2f"  # forms of numbers there: times as they are
@@ -188,45 +188,6 @@ def frame(data: xr.Dataset, dim: str) -> pd.DataFrame:
     made = pd.DataFrame({column.name: column.values for column in columns})
     made.index.name = dim
     made.attrs["units"] = {column.name: column.units or "1" for column in columns}
-    return made
-
-
-def of_runs(paths: Sequence[Given]) -> pd.DataFrame:
-    """Return a table of archived runs, each opened and verified: a row a run, with how it was marched and how it ended.
-
-    Raises
-    ------
-    InputError, ArchiveError
-        As `open_run` does, and of what is no run.
-    """
-    import pandas as pd
-
-    rows, units = [], dict[str, str]()
-    for path in paths:
-        with open_run(path) as run:
-            if EVIDENCE in run.attrs or STEPS not in run.dims:
-                raise InputError(f"'{path}' is no run; of several files each is one")
-            unit = str(run["time"].attrs["units"])
-            row: dict[str, Any] = {
-                "file": str(path),
-                "run": str(run.attrs.get("title", "")),
-                "outcome": str(run.attrs["run_outcome"]),
-            }
-            row |= {word: run.attrs.get(f"solver_{word}") for word in ("method", "step", "rtol")}
-            row |= {"rows": run.sizes[STEPS], "rejected": run.sizes.get(TRIALS, 0), "events": run.sizes.get(EVENTS, 0)}
-            last = _plain(run.isel({STEPS: [-1]}))
-            row[f"end time [{unit}]"] = float(run["time"][-1])
-            units[f"end time [{unit}]"] = unit
-            for name, variable in last.variables.items():
-                if variable.dims == (STEPS,) and variable.attrs.get("role") in ("coordinate", "velocity", "state"):
-                    header = f"end {spoken(str(name))} [{variable.attrs['units']}]"
-                    row[header], units[header] = float(variable.values[0]), str(variable.attrs["units"])
-        rows.append(row)
-    made = pd.DataFrame(rows)
-    for name in ("step", "rtol"):
-        made[name] = made[name].astype(float)
-    made = made.dropna(axis="columns", how="all")
-    made.attrs["units"] = {name: units.get(name, "1") for name in made.columns}
     return made
 
 

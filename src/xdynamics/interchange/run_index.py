@@ -1,0 +1,346 @@
+"""Archived runs of a folder as one Dataset: how each was marched and ended, and chosen numbers, read when they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from functools import partial
+from glob import glob, has_magic
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+
+from xdynamics.archive import open_run
+from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.archive.stores import is_folder
+from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.faults import ArchiveError, InputError, few
+from xdynamics.march.configuration import THINNING, unthinned_settings_for
+from xdynamics.record.arguments import asked_of
+from xdynamics.record.flag_words import words_of
+from xdynamics.record.partial_records import is_evidence, kind_description
+from xdynamics.record.unfolding import unfold
+from xdynamics.runtime.lazy_imports import load_dask_whole
+from xdynamics.schema import EVENTS, ROOT_DIGEST, STEPS
+from xdynamics.sweeping.kept_quantities import AFTER, BEFORE, END, EVENT_COUNT, EVENT_TIME
+from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities, values_of
+from xdynamics.units import parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KIND, MEMBER = "index of runs", "member"
+SETTINGS = {
+    "method": "method",
+    "rtol": "relative tolerance",
+    "step": "step",
+    "until": "time up to which it was asked for",
+}
+COUNTED = ("run_accepted_steps", "run_rejected_trials", "run_force_evaluations")
+STATES = ("coordinate", "velocity", "state")
+Functions = Mapping[str, Callable[..., float]]
+
+
+class _Number(NamedTuple):
+    """A number of runs: its unit in this one, what it is, and how it is read of a run; nothing if it takes a diagnosis."""
+
+    units: str
+    long_name: str
+    read: Callable[[xr.Dataset], float] | None = None
+
+
+def open_runs(
+    runs: Given | Sequence[Given], *, keep: Sequence[str] | str = (END,), functions: Functions | None = None
+) -> xr.Dataset:
+    """Open archived runs as one Dataset along `member`: an index of a folder.
+
+    Parameters
+    ----------
+    runs : str, Path or sequence of these
+        A folder, or a pattern, ``"results/*.nc"``, of whose files those that are runs are taken, sorted by name; or files.
+    keep : sequence of str
+        Numbers of each run, as `sweep` has them: ``end`` (coordinates, velocities, states in the last row),
+        ``end_total_energy``, ``event_time_ground``, ``event_count_ground``, ``after_ground_v_y``, ``event_residual_ground``
+        (of the first occurrence), and any number that a diagnosis has, ``maximum_y``, ``energy_drift``.
+    functions : mapping of str to callable, optional
+        The Python functions that the models' forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `member`, labelled by the files' names: `title`, `run_outcome`, `solver_method`, `solver_rtol`, `solver_step`,
+        `solver_until`, `model_digest`, `content_digest`, counts, every parameter, and what `keep` names, in the units of
+        the first run that has it; nan where a run has none. These numbers are dask arrays: a file is verified, and read,
+        when a number of it is used, once for all of its numbers. Attribute `left_out` names files of a folder that are no
+        runs.
+
+    Raises
+    ------
+    InputError
+        If there is no run, a file is none, a word is a number of no run, or two runs have it in units of different kinds.
+    ArchiveError
+        If a file is damaged, or another one than when it was indexed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/ball_drag.toml")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for vt in (20, 40):
+    ...         run = xd.simulate(model.replace(parameters={"vt": vt}), rtol=1e-6, path=f"{folder}/{vt}.nc")
+    ...     found = open_runs(folder, keep="event_time_ground").load()
+    >>> found.member.values.tolist(), found.event_time_ground.round(3).values.tolist()
+    (['20.nc', '40.nc'], [3.399, 3.854])
+    """
+    import dask.array
+    from dask.delayed import delayed
+
+    load_dask_whole()
+    paths, is_chosen = _paths(runs)
+    heads, left_out = _heads(paths, is_chosen=is_chosen)
+    if not heads:
+        raise InputError(f"there is no archived run in '{runs}'; {few(left_out) if left_out else 'it has no .nc file'}")
+    words = _words(keep, [*heads.values()], functions)
+    da: Any = dask.array
+    variables: dict[str, Any] = _described(heads)
+    tasks = []
+    for path, head in heads.items():
+        digest = str(head.attrs[ROOT_DIGEST])
+        call = delayed(_numbers, pure=True)
+        tasks.append(call(path, digest, [*words], functions, dask_key_name=f"numbers-{digest}-{'-'.join(words)}"))
+    for word, (units, long_name, factors) in words.items():
+        cells = [
+            da.from_delayed(task[word], (), dtype=float) * factor for task, factor in zip(tasks, factors, strict=True)
+        ]
+        variables[word] = (MEMBER,), da.stack(cells), about(units, f"{long_name}; nan of a run that has none", "number")
+    digests = [str(head.attrs[ROOT_DIGEST]) for head in heads.values()]
+    found = exhibit(
+        KIND, f"{len(heads)} archived runs", digests, variables, {"left_out": "\n".join(left_out)} if left_out else {}
+    )
+    return found.assign_coords({MEMBER: (MEMBER, np.array(_names([*heads])), about("1", "file of the run", "axis"))})
+
+
+def _paths(runs: Any) -> tuple[list[str], bool]:
+    """Return the files that are meant, and whether they were chosen one by one."""
+    if isinstance(runs, GIVEN):
+        text = str(runs)
+        if has_magic(text):
+            return sorted(glob(text)), False  # noqa: PTH207 - of a text, which may be absolute
+        if is_folder(placed(runs)):
+            return sorted(str(path) for path in Path(text).glob("*.nc")), False
+        return [text], True
+    if not isinstance(runs, Sequence) or not runs or not all(isinstance(run, GIVEN) for run in runs):
+        raise InputError(f"runs are {str(runs)[:60]!r}, need a folder, a pattern like 'results/*.nc', or files")
+    return [str(run) for run in runs], True
+
+
+def _heads(paths: Sequence[str], *, is_chosen: bool) -> tuple[dict[str, xr.Dataset], list[str]]:
+    """Open files without reading them; what is no run is an error if it was chosen, else named."""
+    heads, left_out = {}, []
+    for path in paths:
+        try:
+            heads[path] = _head(path)
+        except (InputError, ArchiveError) as error:
+            if is_chosen:
+                raise
+            left_out.append(str(error).splitlines()[0])
+    return heads, left_out
+
+
+def _head(path: str) -> xr.Dataset:
+    """Open a run without reading it.
+
+    Raises
+    ------
+    InputError
+        If the file is no run.
+    """
+    head = open_run(path, check=False)
+    if is_evidence(head.attrs) or STEPS not in head.dims or ROOT_DIGEST not in head.attrs:
+        said = kind_description(head.attrs) if is_evidence(head.attrs) else "no run"
+        head.close()
+        raise InputError(f"'{path}' is {said}; an index is of runs")
+    return head
+
+
+def _names(paths: list[str]) -> list[str]:
+    """Call runs by their files' names, or by their paths where names repeat."""
+    names = [Path(path).name for path in paths]
+    return names if len({*names}) == len(names) else paths
+
+
+def _described(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
+    """Return what records say of themselves, as variables along `member`."""
+    runs = [*heads.values()]
+    texts = {"title": "title of the run", "run_outcome": "how the run ended", "model_digest": "sha256 of the model"}
+    texts |= {ROOT_DIGEST: "content digest of the run"}
+    found: dict[str, Any] = {
+        name: ((MEMBER,), np.array([str(run.attrs.get(name, "")) for run in runs]), about("1", said, "text"))
+        for name, said in texts.items()
+    }
+    for word, said in SETTINGS.items():
+        name = f"solver_{word}"
+        if word == "method":
+            found[name] = (MEMBER,), np.array([str(run.attrs[name]) for run in runs]), about("1", said, "setting")
+            continue
+        values = np.array([_number(run.attrs.get(name)) for run in runs])
+        units = next((str(run.attrs[f"{name}_units"]) for run in runs if f"{name}_units" in run.attrs), "1")
+        if np.isfinite(values).any():
+            found[name] = (MEMBER,), values, about(units, f"{said}; nan of runs without one", "setting")
+    for name in COUNTED:
+        values = np.array([int(run.attrs.get(name, -1)) for run in runs])
+        found[name] = (MEMBER,), values, about("1", name.removeprefix("run_").replace("_", " "), "effort")
+    parameters = {
+        str(name): variable
+        for run in reversed(runs)
+        for name, variable in run.variables.items()
+        if variable.attrs.get("role") == "parameter" and not variable.dims
+    }
+    for name, variable in parameters.items():
+        if name not in found:
+            unit = str(variable.attrs["units"])
+            values = np.array(
+                [
+                    _number(run[name].values) * _factor(name, run[name].attrs, unit) if name in run else np.nan
+                    for run in runs
+                ]
+            )
+            found[name] = (MEMBER,), values, about(unit, str(variable.attrs["long_name"]), "parameter")
+    return found
+
+
+def _number(value: Any) -> float:
+    return float(value) if value is not None and np.ndim(value) == 0 else np.nan
+
+
+def _factor(name: str, attributes: Mapping[Any, Any], units: str) -> float:
+    """Return what brings numbers to a unit."""
+    own, wanted = parse_unit(str(attributes["units"])), parse_unit(units)
+    if own.dimension != wanted.dimension:
+        raise InputError(f"'{name}' is in '{units}' in one run and in '{own.text}' in another; open them apart")
+    return float(own.factor / wanted.factor)
+
+
+def _words(
+    keep: Any, heads: Sequence[xr.Dataset], functions: Functions | None
+) -> dict[str, tuple[str, str, list[float]]]:
+    """Return the unit of every wanted number, what it is, and what brings each run's to that unit."""
+    row = [keep] if isinstance(keep, str) else list(keep)
+    of_runs: dict[Any, Any] = {}
+    known = [_Known(unfold(head), functions, of_runs) for head in heads]
+    if END in row:
+        at = row.index(END)
+        ends = dict.fromkeys(word for each in known for word in each.ends)
+        row = [*row[:at], *ends, *row[at + 1 :]]
+    found: dict[str, tuple[str, str, list[float]]] = {}
+    for word in dict.fromkeys(row):
+        numbers = [each.number(word) for each in known]
+        first = next((number for number in numbers if number is not None), None)
+        if first is None:
+            every = list(dict.fromkeys(name for each in known for name in each.names))
+            nearest = ", ".join(get_close_matches(str(word), every, n=3, cutoff=0.0))
+            raise InputError(f"keep has '{word}', which no run, event or diagnosis has; the nearest are {nearest}")
+        factors = [1.0 if number is None else _factor(word, {"units": number.units}, first.units) for number in numbers]
+        found[word] = first.units, first.long_name, factors
+    return found
+
+
+class _Known:
+    """The numbers that a run has, by name, told from its header."""
+
+    def __init__(self, run: xr.Dataset, functions: Functions | None, of_runs: dict[Any, Any]) -> None:
+        self.run, self.functions, self.of_runs = run, functions, of_runs
+        self.along = [
+            str(name) for name, one in run.variables.items() if one.dims == (STEPS,) and one.dtype.kind == "f"
+        ]
+        meanings = str(run["event_detector"].attrs.get("flag_meanings", "")) if "event_detector" in run else ""
+        self.detectors = meanings.replace(":", ".").split() if run.sizes.get(EVENTS) else []
+
+    @property
+    def ends(self) -> list[str]:
+        """The words of the last states."""
+        states = [name for name in self.along if self.run[name].attrs.get("role") in STATES]
+        return [f"end_{name}" for name in ("time", *states)]
+
+    @property
+    def names(self) -> list[str]:
+        """All words."""
+        ends = [f"end_{name}" for name in self.along]
+        events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
+        return [*ends, *events, *self._of_run()]
+
+    def number(self, word: str) -> _Number | None:
+        """Return a number by its word; None if the run has none of that name."""
+        run = self.run
+        if (name := word.removeprefix("end_")) in ("time", *self.along) and name != word:
+            return _Number(str(run[name].attrs["units"]), f"{name} in the last row", lambda run: float(run[name][-1]))
+        for detector in self.detectors:
+            if (found := self._of_event(word, detector)) is not None:
+                return found
+        of_run = self._of_run().get(word)
+        if of_run is None or of_run.dims:
+            return None
+        return _Number(str(of_run.attributes["units"]), str(of_run.attributes["long_name"]))
+
+    def _of_event(self, word: str, detector: str) -> _Number | None:
+        run = self.run
+        if word == f"{EVENT_COUNT}{detector}":
+            return _Number("1", f"how often '{detector}' was met", lambda run: float(len(_met(run, detector))))
+        for head, side in ((AFTER, "event_row_after"), (BEFORE, "event_row_before")):
+            name = word.removeprefix(f"{head}{detector}_")
+            if name != word and name in self.along:
+                said = f"{name}, {head.removesuffix('_')} '{detector}' was met, first"
+                return _Number(str(run[name].attrs["units"]), said, partial(_beside, name, side, detector))
+        name = word.removesuffix(f"_{detector}")
+        if name != word and name in run and run[name].dims == (EVENTS,) and run[name].dtype.kind in "fi":
+            said = f"{run[name].attrs['long_name']}, '{detector}', first"
+            return _Number(
+                str(run[name].attrs["units"]), said, lambda run: _first(run[name].values[_met(run, detector)])
+            )
+        return None
+
+    def _of_run(self) -> Mapping[str, RunQuantity]:
+        """Return what takes a diagnosis, told once for all runs of a model by one method."""
+        key = tuple(str(self.run.attrs[name]) for name in ("model_digest", "solver_method", "solver_step_control"))
+        if key not in self.of_runs:
+            model, given = model_of(self.run, self.functions), asked_of(self.run).items()
+            asked = {name: value for name, value in given if value is not None and name not in THINNING}
+            self.of_runs[key] = run_quantities(model, unthinned_settings_for(model, **asked))
+        return cast("Mapping[str, RunQuantity]", self.of_runs[key])
+
+
+def _met(run: xr.Dataset, detector: str) -> Any:
+    return np.flatnonzero(np.array(words_of(run["event_detector"])) == detector)
+
+
+def _beside(name: str, side: str, detector: str, run: xr.Dataset) -> float:
+    return _first(run[name].values[run[side].values[_met(run, detector)]])
+
+
+def _first(values: Any) -> float:
+    return float(values[0]) if len(values) else np.nan
+
+
+def _numbers(path: str, digest: str, words: Sequence[str], functions: Functions | None) -> dict[str, Any]:
+    """Read the numbers of one run, verified.
+
+    Raises
+    ------
+    ArchiveError
+        If the file is damaged, or not that which was indexed.
+    """
+    with open_run(path) as opened:
+        if str(opened.attrs[ROOT_DIGEST]) != digest:
+            raise ArchiveError(f"'{path}' is another run than when it was indexed; open the runs again")
+        run = unfold(opened)
+        known = _Known(run, functions, {})
+        numbers = {word: known.number(word) for word in words}
+        of_runs = [word for word, number in numbers.items() if number is not None and number.read is None]
+        found = {word: _first(np.ravel(value)) for word, value in values_of(run, of_runs).items()} if of_runs else {}
+        return {
+            word: np.array(found.get(word, np.nan) if number is None or number.read is None else number.read(run))
+            for word, number in numbers.items()
+        }
