@@ -73,6 +73,7 @@ NUMBERS_NEEDED = {
     "member": "opens an archived run",
     "open_logs": "opens archived runs, lazily",
     "open_run": "opens an archive, lazily with chunks=",
+    "open_runs": "opens archived runs, lazily",
     "open_sweep": "opens a catalogue, lazily with chunks=",
     "plot": "draws",
     "recheck": "is a verdict",

@@ -7,13 +7,14 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting import numerical
 from xdynamics.budgeting.budget_dataset import Budgeted, budget_dataset
+from xdynamics.budgeting.budget_grid import budgets_over
 from xdynamics.budgeting.budget_request import COVERAGE, BudgetRequest, budget_request
 from xdynamics.budgeting.measurand import MEMBERS, Target
 from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
@@ -24,6 +25,7 @@ from xdynamics.budgeting.proven_bounds import NOT_PROVEN, proven_task
 from xdynamics.budgeting.random_draws import drawn_until, wanted_of
 from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, OWN, ROUNDING, RUN
 from xdynamics.budgeting.term import Declared, Term
+from xdynamics.evidence.grid_axes import is_sweep
 from xdynamics.evidence.stage_tasks import Gathered, Task, results_of
 from xdynamics.evidence.stages import Stage, blank_run, lazy
 from xdynamics.faults import AccuracyWarning, InputError, warn
@@ -44,7 +46,7 @@ Gatherer = Callable[[Callable[..., Any]], Task | Gathered]
 
 
 def error_budget(
-    model: Model,
+    model: Model | xr.Dataset,
     quantity: str,
     *,
     at: str | float | None = None,
@@ -69,8 +71,8 @@ def error_budget(
 
     Parameters
     ----------
-    model : Model
-        Its parameters and initial values with an uncertainty, tables with a column of uncertainties, correlations and
+    model : Model, or xarray.Dataset
+        Of a sweep the budget of every member, with its settings, along its axes. Of a model: its parameters and initial values with an uncertainty, tables with a column of uncertainties, correlations and
         discrepancies are the physical terms.
     quantity : str
         A coordinate, velocity, state, energy or observable; at an event also ``"t"``, its time; with neither time nor
@@ -114,7 +116,7 @@ def error_budget(
         Whether to march at once. If False, the Dataset has dask arrays, with a task for each level, each term and each
         block of draws; `until_uncertainty` cannot be used.
     **settings
-        Settings of `simulate` for the run that the number is of.
+        Settings of `simulate` for the run that the number is of; a sweep has its own.
 
     Returns
     -------
@@ -160,25 +162,30 @@ def error_budget(
     >>> float(budget.numerical_bound) < 1e-6
     True
     """
-    request = budget_request(
-        model,
-        quantity,
-        at=at,
-        event=event,
-        occurrence=occurrence,
-        side=side,
-        terms=terms,
-        draws=draws,
-        seed=seed,
-        coverage=coverage,
-        digits=digits,
-        inadequate_fit=inadequate_fit,
-        only=only,
-        without=without,
-        proven=proven,
-        keep=keep,
-        **settings,
-    )
+    asked: dict[str, Any] = {
+        "at": at,
+        "event": event,
+        "occurrence": occurrence,
+        "side": side,
+        "terms": terms,
+        "draws": draws,
+        "seed": seed,
+        "coverage": coverage,
+        "digits": digits,
+        "inadequate_fit": inadequate_fit,
+        "only": only,
+        "without": without,
+        "proven": proven,
+        "keep": keep,
+    }
+    if is_sweep(model):
+        if settings or until_uncertainty is not None:
+            given = ", ".join(settings) or "until_uncertainty"
+            raise InputError(
+                f"{given} cannot be given for a sweep, whose members have their settings; give draws=10000"
+            )
+        return budgets_over(cast("xr.Dataset", model), quantity, error_budget, compute=compute, **asked)
+    request = budget_request(cast("Model", model), quantity, **asked, **settings)
     if not compute:
         if until_uncertainty is not None:
             raise InputError(

@@ -117,9 +117,9 @@ def _summarising() -> Iterator[Any]:
     from xdynamics.sweeping import survey_summary, sweep_summary
 
     yield from (survey_summary, sweep_summary)
-    from xdynamics.budgeting import budget_summary, fit_summary
+    from xdynamics.budgeting import budget_grid, budget_summary, fit_summary
 
-    yield from (budget_summary, fit_summary)
+    yield from (budget_summary, budget_grid, fit_summary)
     from xdynamics.evidence.comparing import comparison_summary
     from xdynamics.evidence.validating import ledger_rows, limiting
 

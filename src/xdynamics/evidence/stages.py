@@ -211,6 +211,8 @@ def _values(
     if name not in stage.variables and name not in stage.attrs:
         return np.full(shape, blank)
     values = np.array(stage.variables[name].values if name in stage.variables else stage.attrs[name])
+    if values.dtype.kind == "U":  # dask joins blocks in the type of the first one, and would cut longer texts
+        values = values.astype(max(values.dtype, TEXT))
     for dim, size, stated in zip(dims, values.shape, shape, strict=True):
         if size > stated:
             raise InputError(

@@ -12,6 +12,7 @@ from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import (
     budget,
+    budget_grid,
     comparison,
     diagnosis,
     differences,
@@ -45,6 +46,7 @@ PAGES = {
     kind: module.PAGE
     for module in (
         budget,
+        budget_grid,
         comparison,
         diagnosis,
         differences,

@@ -300,7 +300,7 @@ def _where(data: xr.Dataset, dim: str, k: int) -> str:
         return ("_lower", "_upper")[k]
     if dim == OCCURRENCE:
         return f"[{k + 1}]"
-    labels = data.variables.get(dim)
+    labels = data.variables.get(dim, data.variables.get(f"{dim}_name"))
     return f"[{k if labels is None else labels.values[k]}]"
 
 
