@@ -135,6 +135,7 @@ _OTHER_WORDS = {
     **dict.fromkeys(("t_end", "tend", "t_final", "tmax", "t_max", "t_span", "duration", "end"), ("until",)),
     **dict.fromkeys(("solver", "integrator", "scheme"), ("method",)),
     **dict.fromkeys(("tolerance", "tol"), ("rtol",)),
+    **dict.fromkeys(("impacts", "events", "occurrence"), ("occurrences",)),
     **dict.fromkeys(("state", "initial"), ("at",)),
     **dict.fromkeys(("variables", "variable", "names", "quantities"), ("observables", "only")),
 }

@@ -42,9 +42,9 @@ def assert_told(stage: xr.Dataset, eager: xr.Dataset) -> None:
 def test_a_comparison_of_runs_to_be_marched_has_the_bits_of_the_eager_one(times: Any) -> None:
     """Assert names, units and words while every march fails, one march of each run, and all values and attributes."""
     eager = xd.compare(*pair(compute=True), times)
-    sizes = {dim: eager.sizes[dim] for dim in ("at", "occurrence") if dim == "occurrence" or times is None}
+    sizes = {"sizes": {"at": eager.sizes["at"]}} if times is None else {}
     with no_march():
-        stage = xd.compare(*pair(compute=False), times, compute=False, sizes=sizes)
+        stage = xd.compare(*pair(compute=False), times, compute=False, occurrences=eager.sizes["occurrence"], **sizes)
         assert [*stage.variables] == [*eager.variables, *LATER]
         assert dict(stage.sizes) == dict(eager.sizes)
         assert all(repr(stage[name].attrs) == repr(eager[name].attrs) for name in eager.variables)
@@ -64,7 +64,7 @@ def test_a_comparison_of_runs_to_be_marched_has_the_bits_of_the_eager_one(times:
 def test_what_is_not_there_has_no_value(tmp_path: Path) -> None:
     """Assert nan behind the last time and event and where an event is never met, and the archive of the eager one."""
     eager = xd.compare(*pair(compute=True))
-    stage = xd.compare(*pair(compute=False), compute=False, sizes={"at": 400, "occurrence": 9})
+    stage = xd.compare(*pair(compute=False), compute=False, sizes={"at": 400}, occurrences=9)
     assert int(stage.at_time.count()) == eager.sizes["at"]
     assert int(stage.difference_event_time_floor.count()) == eager.sizes["occurrence"]
     late = '[events.late]\nfunction = "t - 9*second"\naction = "record"\n'
@@ -72,10 +72,10 @@ def test_what_is_not_there_has_no_value(tmp_path: Path) -> None:
         xd.simulate(xd.Model.from_text(OSCILLATOR.to_toml() + late), **asked)
         for asked in ({"step": h, "until": "1 s", "compute": False, "sizes": {"step": 200}} for h in ("20 ms", "10 ms"))
     ]
-    never = xd.compare(*longer, [0.5], compute=False, sizes={"occurrence": 2}).compute()
+    never = xd.compare(*longer, [0.5], compute=False, occurrences=2).compute()
     assert np.isnan(never.difference_event_time_late.values).tolist() == [True, True]
     assert np.isnan(float(never.difference_scale_event_time_late))
-    assert "occurrence" not in xd.compare(*longer, [0.5], compute=False, sizes={"occurrence": 0}).dims
+    assert "occurrence" not in xd.compare(*longer, [0.5], compute=False, occurrences=0).dims
     xd.report(tmp_path, comparison=stage)
     assert verified(tmp_path / "comparison.nc") == xd.content_digest(eager)
 
@@ -83,10 +83,10 @@ def test_what_is_not_there_has_no_value(tmp_path: Path) -> None:
 def test_a_comparison_shares_its_runs_and_travels() -> None:
     """Assert that runs are marched once for two stages, in another process too, and that marched ones are not again."""
     first, second = pair(compute=False)
-    sizes = {"at": 200, "occurrence": 5}
+    shown: dict[str, Any] = {"sizes": {"at": 200}, "occurrences": 5}
     stages = [
-        xd.compare(first, second, compute=False, sizes=sizes),
-        xd.compare(second, first, compute=False, sizes=sizes),
+        xd.compare(first, second, compute=False, **shown),
+        xd.compare(second, first, compute=False, **shown),
     ]
     with marches() as begun:
         sent = pickle.loads(pickle.dumps(stages))
@@ -98,7 +98,7 @@ def test_a_comparison_shares_its_runs_and_travels() -> None:
         stage = xd.compare(*runs, compute=False)
         assert_same_bits(stage, eager := xd.compare(*runs))
         assert not begun
-        half = xd.compare(runs[0], second, [0.5], compute=False, sizes={"occurrence": 3})
+        half = xd.compare(runs[0], second, [0.5], compute=False, occurrences=3)
         assert float(half.difference_y[0]) == float(xd.compare(*runs, [0.5]).difference_y[0])
         assert len(begun) == 1
     assert stage.sizes["occurrence"] == eager.sizes["occurrence"]
@@ -153,8 +153,8 @@ def test_every_variable_of_a_record_is_foreseen(name: str) -> None:
     runs = [xd.simulate(model, until=until, compute=False, sizes={"step": 4}) for until in ("1 ms", "2 ms")]
     eager = xd.compare(*(xd.simulate(model, until=until) for until in ("1 ms", "2 ms")), times=["0.5 ms"])
     with no_march():
-        sizes = {"occurrence": eager.sizes.get("occurrence", 0)}
-        stage = xd.compare(*runs, times=["0.5 ms"], compute=False, sizes=sizes)
+        count = eager.sizes.get("occurrence", 0)
+        stage = xd.compare(*runs, times=["0.5 ms"], compute=False, occurrences=count)
     assert stage["name"].values.tolist() == eager["name"].values.tolist()
     assert [key for key in stage.variables if "_event_time_" not in key and key not in LATER] == [
         key for key in eager.variables if "_event_time_" not in key
@@ -163,26 +163,27 @@ def test_every_variable_of_a_record_is_foreseen(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sizes", "times", "message"),
+    ("asked", "times", "message"),
     [
-        ({"occurrence": 3}, None, r"known only once they are marched; give times=…, a number, sizes=\{'at': 5000\}"),
+        ({"occurrences": 3}, None, r"known only once they are marched; give times=…, a number, sizes=\{'at': 5000\}"),
         (
-            {"at": 5},
+            {"sizes": {"at": 5}},
             None,
-            r"how often floor will be met is known only once the runs are marched; .* sizes=\{'occurrence'",
+            r"how often floor will be met is known only once the runs are marched; .* occurrences=10",
         ),
-        ({"at": 5, "occurrence": 1}, [0.5], "sizes have 5 for 'at', and the times are known already; leave it out"),
-        ({"at": 0, "occurrence": 1}, None, "sizes have 0 for 'at', need a positive whole number"),
-        ({"occurrence": -1}, [0.5], "sizes have -1 for 'occurrence', need a non-negative whole number"),
-        ({"step": 5}, None, "sizes name 'step'; there are at, occurrence"),
-        (5, None, "sizes are 5, need numbers by dimension"),
+        ({"sizes": {"at": 5}}, [0.5], "sizes have 5 for 'at', and the times are known already; leave it out"),
+        ({"sizes": {"at": 0}}, None, "sizes have 0 for 'at', need a positive whole number"),
+        ({"occurrences": -1}, [0.5], "occurrences is -1, needs a non-negative whole number"),
+        ({"sizes": {"step": 5}}, None, "sizes name 'step'; there is at"),
+        ({"sizes": {"occurrence": 5}}, None, "how many events are compared is said by occurrences=10"),
+        ({"sizes": 5}, None, "sizes are 5, need numbers by dimension"),
     ],
 )
-def test_sizes_that_only_marching_tells_have_to_be_stated(sizes: Any, times: Any, message: str) -> None:
+def test_sizes_that_only_marching_tells_have_to_be_stated(asked: Any, times: Any, message: str) -> None:
     """Assert one line each, before anything is marched."""
     runs = pair(compute=False)
     with no_march(), pytest.raises(xd.InputError, match=message):
-        xd.compare(*runs, times, compute=False, sizes=sizes)
+        xd.compare(*runs, times, compute=False, **asked)
 
 
 def test_sizes_are_for_what_is_lazy() -> None:

@@ -87,7 +87,7 @@ def test_wrong_runs_are_named(runs: dict[str, xr.Dataset]) -> None:
         ([second, xd.diagnose(first)], "compare needs runs", {}),
         ([second, late], "the runs have no time in common", {}),
         ([second, 3], "compare needs two run records", {}),
-        ([second, first], "compute and sizes are for a single second run", {"compute": False}),
+        ([second, first], "compute, sizes and occurrences are for a single second run", {"compute": False}),
         ([second, first], "times", {"times": [3.0]}),
     ):
         with pytest.raises(xd.InputError, match=words):

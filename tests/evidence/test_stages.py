@@ -319,13 +319,13 @@ def test_a_lazy_ledger_has_the_bits_of_the_eager_one() -> None:
 
 def test_a_ledger_of_impacts_lists_as_many_as_are_asked_for() -> None:
     """Assert that a model with contacts needs a number, and that lines beyond those of the run are refused ones."""
-    with pytest.raises(xd.InputError, match="give the number to list, like impacts=10"):
+    with pytest.raises(xd.InputError, match="give the number to list, like occurrences=10"):
         xd.validate(BALL, compute=False)
-    with pytest.raises(xd.InputError, match="impacts is -1, needs a non-negative whole number"):
-        xd.validate(BALL, impacts=-1)
+    with pytest.raises(xd.InputError, match="occurrences is -1, needs a non-negative whole number"):
+        xd.validate(BALL, occurrences=-1)
     every = xd.validate(BALL)
     for impacts in (2, 9):
-        stage, eager = xd.validate(BALL, impacts=impacts, compute=False), xd.validate(BALL, impacts=impacts)
+        stage, eager = xd.validate(BALL, occurrences=impacts, compute=False), xd.validate(BALL, occurrences=impacts)
         assert eager.sizes["case"] == len(BALL.validation) + impacts
         assert_described(stage, eager)
         assert_same_bits(stage, eager)

@@ -157,7 +157,7 @@ def test_descriptions_compute_nothing(chain: xd.Model, monkeypatch: pytest.Monke
     monkeypatch.setattr("xdynamics.march.runner.March.blocks", untold)
     lazy = [
         xd.companion(run, 0.5, compute=False).global_error_u,
-        xd.compare(run, run, times=[0.5], sizes={"occurrence": 0}, compute=False).difference_u,
+        xd.compare(run, run, times=[0.5], occurrences=0, compute=False).difference_u,
         xd.refine(chain, steps=["25 ms", "5 ms"], at=["0.9 s"], until="0.9 s", occurrences=0, compute=False).limit_u,
     ]
     for found in lazy:

@@ -239,7 +239,7 @@ def diagnose(
 @click.option("--step", metavar="TIME", help="The step of a model's run, in the place of what its [run] says.")
 @click.option("--until", metavar="TIME", help="Its end, likewise.")
 @click.option("--rtol", metavar="NUMBER", help="Its relative tolerance, likewise, in the place of a step.")
-@click.option("--impacts", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
+@click.option("--occurrences", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
 @click.option("--proven", is_flag=True, help="Also compare the model's run, with a fixed step, with proven bounds.")
 @KEPT
 @clustered

@@ -238,6 +238,5 @@ The same command goes on: a sweep from its folder, refine --keep FOLDER with the
 whole there (a folder that all machines see, or s3://bucket/levels), budget, validate and certify
 --keep FOLDER with the numbers, terms, blocks of draws and cases that are known there; what is of
 another version, or damaged, is made again.
-Stages whose sizes follow from the march need them stated: --occurrences 10 (refine), --impacts 10
-(validate).
+Stages that list events need their number stated: --occurrences 10 (refine, validate).
 """

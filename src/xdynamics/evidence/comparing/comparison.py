@@ -43,6 +43,7 @@ def compare(
     reading: Mapping[str, Any] | None = None,
     compute: bool = True,
     sizes: Mapping[str, int] | None = None,
+    occurrences: int | None = None,
 ) -> xr.Dataset:
     """Compare runs of any steps with a first one, a run with measured data, or two sweeps; see `grids.compare_sweeps` of these.
 
@@ -70,9 +71,10 @@ def compare(
         `simulate` described and that are still to be marched are marched first, those in chunks are read. What only this
         tells, attributes else (`cause`, `parted`, `events`, `settings`, `first_difference`, `identical`), are variables.
     sizes : mapping of str to int, optional
-        With ``compute=False`` of runs still to be marched, how much to show: ``{"at": 5000, "occurrence": 10}``, of times
-        unless `times` are given, and of each event if the models have some, or 0 to leave these out. Beyond what there
-        is there is nan.
+        With ``compute=False`` of runs still to be marched, without `times`: how many to show, ``{"at": 5000}``; beyond what
+        there is there is nan.
+    occurrences : int, optional
+        With ``compute=False``, how many occurrences of each event to compare, if the models have some; 0 for none.
 
     Returns
     -------
@@ -109,20 +111,23 @@ def compare(
             raise InputError(
                 "one is a sweep and the other is none; give two sweeps, or a run of it by xdynamics.member"
             )
-        if times is not None or not compute or sizes is not None:
+        if times is not None or not compute or sizes is not None or occurrences is not None:
             raise InputError(
-                "times, compute and sizes are for runs: sweeps are compared where both have values, as lazy as they are"
+                "times, compute, sizes and occurrences are for runs: sweeps are compared where both have values, as lazy as they are"
             )
         return compare_sweeps(first, second)
     _check(first)
     if isinstance(second, Mapping | list | tuple) and not isinstance(second, xr.Dataset):
-        if not compute or sizes is not None:
-            raise InputError("compute and sizes are for a single second run; of several each is compared at once")
+        if not compute or sizes is not None or occurrences is not None:
+            raise InputError(
+                "compute, sizes and occurrences are for a single second run; of several each is compared at once"
+            )
         return _each(first, second, times, functions)
     if "model_toml" not in first.variables:
         raise InputError("compare needs the model of the run, and 'model_toml' was left out")
-    if compute and sizes is not None:
-        raise InputError(f"sizes are {sizes!r}, and are for compute=False: what is compared at once has its own")
+    for word, given in (("sizes", sizes), ("occurrences", occurrences)):
+        if compute and given is not None:
+            raise InputError(f"{word} are {given!r}, and are for compute=False: what is compared at once has its own")
     if is_measured(second):
         first = by_quantities(first, functions)
         if not compute:
@@ -134,7 +139,7 @@ def compare(
     first, second = _alike(first, second, functions)
     at = None if times is None else wanted_times(times, time_unit(first))
     if not compute:
-        return described(first, second, at, functions, {} if sizes is None else sizes)
+        return described(first, second, at, functions, {} if sizes is None else sizes, occurrences)
     return compared(first, second, at, functions)
 
 

@@ -50,7 +50,12 @@ LATER: dict[str, tuple[str, Any]] = {
 
 
 def described(
-    first: xr.Dataset, second: xr.Dataset, at: Floats | None, functions: Functions | None, sizes: Any
+    first: xr.Dataset,
+    second: xr.Dataset,
+    at: Floats | None,
+    functions: Functions | None,
+    sizes: Any,
+    occurrences: int | None,
 ) -> xr.Dataset:
     """Describe a comparison of two runs; one task makes it, after those that march the runs.
 
@@ -62,7 +67,7 @@ def described(
     runs = (first, second)
     marched = all(task_of(run) is None for run in runs)
     times = common_times(first, second) if at is None and marched else at
-    stated = _stated(sizes, {AT} if times is None else set())
+    stated = _stated(sizes, occurrences, is_needed=times is None)
     shown = np.zeros(_at_stated(stated, first)) if times is None else times
     variables: dict[str, Any] = {AT_TIME: wanted(first, shown)}
     models = [model_of(run, functions) for run in runs]
@@ -110,20 +115,21 @@ def _with_data(functions: Functions | None, data: Any, run: xr.Dataset) -> xr.Da
     return residuals_with(in_memory(run), data, functions)
 
 
-def _stated(sizes: Any, needed: set[str]) -> dict[str, int]:
+def _stated(sizes: Any, occurrences: int | None, *, is_needed: bool) -> dict[str, int]:
     """Read the sizes of dimensions that only marching tells."""
     if not isinstance(sizes, Mapping):
-        raise InputError(f"sizes are {sizes!r}, need numbers by dimension, like {{'{AT}': 5000, '{OCCURRENCE}': 10}}")
+        raise InputError(f"sizes are {sizes!r}, need numbers by dimension, like {{'{AT}': 5000}}")
     for dim, size in sizes.items():
-        if dim not in (AT, OCCURRENCE):
-            raise InputError(f"sizes name {dim!r}; there are {AT}, {OCCURRENCE}")
-        if isinstance(size, bool) or not isinstance(size, int) or size < (dim == AT):
-            raise InputError(
-                f"sizes have {size!r} for '{dim}', need a {'positive' if dim == AT else 'non-negative'} whole number"
-            )
-    if AT in sizes and AT not in needed:
+        if dim != AT:
+            remedy = "; how many events are compared is said by occurrences=10" if dim == OCCURRENCE else ""
+            raise InputError(f"sizes name {dim!r}; there is {AT}{remedy}")
+        if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+            raise InputError(f"sizes have {size!r} for '{dim}', need a positive whole number")
+    if AT in sizes and not is_needed:
         raise InputError(f"sizes have {sizes[AT]} for '{AT}', and the times are known already; leave it out")
-    return dict(sizes)
+    if occurrences is not None and (type(occurrences) is not int or occurrences < 0):
+        raise InputError(f"occurrences is {occurrences!r}, needs a non-negative whole number")
+    return dict(sizes) | ({} if occurrences is None else {OCCURRENCE: occurrences})
 
 
 def _at_stated(stated: Mapping[str, int], first: xr.Dataset) -> int:
@@ -146,7 +152,7 @@ def _events(
     if names and OCCURRENCE not in stated:
         raise InputError(
             f"how often {', '.join(names)} will be met is known only once the runs are marched; give the number to compare,"
-            f" like sizes={{'{OCCURRENCE}': 10}} (nan where there are fewer), or 0 for none"
+            " like occurrences=10 (nan where there are fewer), or 0 for none"
         )
     count = stated.get(OCCURRENCE, 0)
     variables: dict[str, Any] = {}

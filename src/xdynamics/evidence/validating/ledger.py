@@ -43,7 +43,7 @@ def validate(
     step: str | float | None = None,
     until: str | float | None = None,
     rtol: float | None = None,
-    impacts: int | None = None,
+    occurrences: int | None = None,
     proven: bool = False,
     keep: str | Path | None = None,
     compute: bool = True,
@@ -60,7 +60,7 @@ def validate(
         together, a drive of time, impact, resting contact, dry friction, unit scaling, a motion within proven bounds.
     step, until, rtol : str or float, optional
         With which a model is marched in the place of what its `[run]` says; a step in the place of a tolerance too.
-    impacts : int, optional
+    occurrences : int, optional
         How many relations of impacts to list of a model with contacts; where a run has fewer they are refused. By
         default as many as it has.
     proven : bool
@@ -70,7 +70,7 @@ def validate(
         same call continues a ledger that was interrupted.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with one task for each case and method. A model
-        with contacts needs `impacts` then.
+        with contacts needs `occurrences` then.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def validate(
     """
     if isinstance(methods, Model) and model is None:
         methods, model = None, methods
-    names = _names(methods, model, impacts)
+    names = _names(methods, model, occurrences)
     marched = {"step": step, "until": until, "rtol": rtol}
     if model is not None:
         model = rerun(model, **marched)
@@ -116,7 +116,7 @@ def validate(
         raise InputError(
             f"{' and '.join(given)} {'is' if len(given) == 1 else 'are'} for a model, and none is given: the ledger's own cases have their own"
         )
-    cases = _own(names) if model is None else _of_model(model, names, impacts, proven=proven is True)
+    cases = _own(names) if model is None else _of_model(model, names, occurrences, proven=proven is True)
     title = EXACT_CASES if model is None else f"validation of {model.name}"
     kept = Keep.of(keep)
     if not compute:
@@ -125,14 +125,14 @@ def validate(
     return ledger_dataset([row for rows in found for row in rows], title)
 
 
-def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
+def _names(methods: Any, model: Any, occurrences: Any) -> list[str] | None:
     """Check the arguments of `validate`, and return the names of methods, if there are any."""
     if methods is not None and not isinstance(methods, str | Sequence):
         raise InputError(f"methods is {str(methods)[:40]!r}, needs names of methods")
     if model is not None:
         check_model(model)
-    if impacts is not None and (isinstance(impacts, bool) or not isinstance(impacts, int) or impacts < 0):
-        raise InputError(f"impacts is {impacts!r}, needs a non-negative whole number")
+    if occurrences is not None and (type(occurrences) is not int or occurrences < 0):
+        raise InputError(f"occurrences is {occurrences!r}, needs a non-negative whole number")
     names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)
     return None if names is None else _known(names)
 
@@ -154,7 +154,7 @@ def _own(methods: Sequence[str] | None) -> list[Case]:
     ]
 
 
-def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None, *, proven: bool) -> list[Case]:
+def _of_model(model: Model, methods: Sequence[str] | None, occurrences: int | None, *, proven: bool) -> list[Case]:
     """Return the cases of a model by methods.
 
     Raises
@@ -170,7 +170,7 @@ def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None, 
     chosen = methods or (_known([str(model.run["method"])]) if "method" in model.run else [])
     if not chosen:
         raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
-    return [Case(model, method, impacts=impacts, proven=proven) for method in chosen]
+    return [Case(model, method, occurrences=occurrences, proven=proven) for method in chosen]
 
 
 def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) -> Stage:
@@ -207,7 +207,7 @@ class Case:
         Of the ledger; 0 for a model's own closed forms.
     prefix : str
         Of the names of its lines.
-    impacts : int, optional
+    occurrences : int, optional
         How many lines of the law of impacts there are where the method locates them; None for as many as the run has.
     proven : bool
         Whether its end is compared with proven bounds.
@@ -217,7 +217,7 @@ class Case:
     method: str
     stage: int = 0
     prefix: str = ""
-    impacts: int | None = None
+    occurrences: int | None = None
     proven: bool = False
 
     def task(self) -> Task:
@@ -228,10 +228,10 @@ class Case:
         InputError
             If the number of its lines is not known.
         """
-        if self.impacts is None and self.model.contacts:
+        if self.occurrences is None and self.model.contacts:
             raise InputError(
                 f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
-                " number to list, like impacts=10 (refused where there are fewer), or 0 for none"
+                " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
             )
         return self.named()
 
@@ -241,7 +241,7 @@ class Case:
         words = (
             self.stage,
             self.prefix,
-            self.impacts,
+            self.occurrences,
             self.proven,
             self.method,
             self.model.digest,
@@ -259,10 +259,10 @@ class Case:
             yield replace(row, note=why) if why else runs.filled(row, case)
         if self.proven:
             yield from beside_bounds(runs, self.prefix, self.stage)
-        if self.model.contacts and (self.impacts != 0 or self.stage):
+        if self.model.contacts and (self.occurrences != 0 or self.stage):
             lines = [*_of_impacts(runs, self.prefix, self.stage)]
-            missing = [] if self.impacts is None or self.stage else self._missing(self.impacts - len(lines))
-            yield from [*lines, *missing][: None if self.stage else self.impacts]
+            missing = [] if self.occurrences is None or self.stage else self._missing(self.occurrences - len(lines))
+            yield from [*lines, *missing][: None if self.stage else self.occurrences]
 
     def blank(self) -> Iterator[LedgerRow]:
         """Yield as many lines, before anything is marched."""
@@ -272,7 +272,7 @@ class Case:
         if self.model.contacts:
             runs = CaseRuns(self.model, self.method, own=self.stage > 0)
             located = not runs.refused and runs.method.stepper.locates
-            yield from self._missing(self.impacts or 0 if located or not self.stage else 1)
+            yield from self._missing(self.occurrences or 0 if located or not self.stage else 1)
 
     def _missing(self, count: int) -> list[LedgerRow]:
         """Return lines in the place of relations that a run does not have."""
