@@ -21,7 +21,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     refinement = xd.refine(model, method=study["method"], steps=study["steps"], occurrences=1, compute=False)
     asked = {"method": study["method"], "compute": False}
     coarse, rocket = (xd.simulate(model, step=step, sizes=study["flight"], **asked) for step in study["steps"][-2:])
-    comparison = xd.compare(coarse, rocket, sizes=study["compared"], compute=False)
+    comparison = xd.compare(coarse, rocket, **study["compared"], compute=False)
     apogee = xd.error_budget(model, step=study["steps"][-1], **study["apogee"], **asked)
     page = xd.report(folder, refinement=refinement, comparison=comparison, apogee=apogee, rocket=rocket)
     again = xd.reproduce(f"{folder}/rocket.nc").attrs["identical"]
