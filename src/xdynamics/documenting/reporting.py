@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from xdynamics import archive
 from xdynamics.archive.place import Given, Place, check_name, placed
 from xdynamics.archive.stores import made_folder, taking_name
+from xdynamics.documenting.single_page import check_page, is_page, write_page
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.cluster import Tell, connected
 from xdynamics.evidence.stages import computed
@@ -35,7 +36,8 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
     Parameters
     ----------
     folder : str or Path
-        Made where it is not there; or ``"s3://bucket/results"``.
+        Made where it is not there; or ``"s3://bucket/results"``. A name that ends in ``.html`` or ``.pdf`` is that of one
+        page, which needs no other file, and no archives are written.
     **records : xarray.Dataset, or dict of str to xarray.Dataset
         Runs and evidence by name, lazy or not; several by name are drawn together where they are refinements or
         diagnoses.
@@ -43,7 +45,7 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
     Returns
     -------
     str
-        The page, `report.md`: of each record its title, figure, summary, and the digest of its archive.
+        The page, `report.md` in a folder: of each record its title, figure, summary, and the digest of its archive.
 
     Raises
     ------
@@ -59,8 +61,21 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
             raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
         for each in [name, *(f"{name}_{key}" for key in (entry if isinstance(entry, dict) else ()))]:
             check_name(each)
-    target = made_folder(placed(folder))
+    single = is_page(placed(folder))
+    if single:
+        check_page(placed(folder))
+    target = placed(folder) if single else made_folder(placed(folder))
     whole, faults = _computed(records)
+    if single:
+        if faults:
+            told = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
+            raise InputError(f"'{target}' is not written:{numbered(told)}", tuple(told))
+        return write_page(target, whole)
+    return _written(target, whole, faults)
+
+
+def _written(target: Place, whole: Mapping[str, Record], faults: dict[str, str]) -> str:
+    """Write the archives, figures and the page of a folder."""
     lines: list[str] = []
     for name, entry in whole.items():
         try:
