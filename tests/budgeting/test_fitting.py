@@ -14,6 +14,7 @@ import xarray as xr
 from scipy.stats import chi2
 
 import xdynamics as xd
+from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.budgeting import residuals
 from xdynamics.budgeting.fit_problem import Asked, FittedNumber, Fitting, with_slopes
@@ -599,3 +600,23 @@ if __name__ == "__main__":
             *covered(int(sys.argv[1]), told=True)
         )
     )
+
+
+def test_bands_are_those_of_the_closed_form() -> None:
+    """Assert that a fit of x0 in x0 cos 2t is known by |cos 2t| u(x0), and one more measurement with its scatter too."""
+    model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    times = np.linspace(0.1, 3.0, 25)
+    scatter = 0.01 * np.random.default_rng(5).standard_normal(25)
+    frame = pd.DataFrame({"time [s]": times, "x [m]": np.cos(2.0 * times) + scatter})
+    found = xd.fit(model, frame, ["x"], until="3 s", step="2 ms")
+    slope, doubt = np.abs(np.cos(2.0 * times)), float(found.standard_uncertainty[0])
+    np.testing.assert_allclose(found.fitted_uncertainty_x, slope * doubt, rtol=1e-4)
+    noise = np.sqrt((found.residual_x**2).sum() / found.attrs["degrees_of_freedom"])
+    told = frame.assign(**{"u(x) [m]": 0.02})
+    known = xd.fit(model, told, ["x"], until="3 s", step="2 ms")
+    sizes = [np.hypot(found.fitted_uncertainty_x, noise), np.hypot(known.fitted_uncertainty_x, 0.02)]
+    np.testing.assert_allclose(found.predicted_uncertainty_x, sizes[0], rtol=1e-12)
+    np.testing.assert_allclose(known.predicted_uncertainty_x, sizes[1], rtol=1e-12)
+    axes = xd.plot(found).axes
+    assert "one more measurement, 95%" in [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert len(axes[1].collections) >= 2

@@ -55,7 +55,7 @@ def test_what_cannot_be_written_is_said_before_anything_is_computed(run: xr.Data
     """Assert an error for a folder that is missing, a directory of that name, no record, and a stage that fails."""
     (tmp_path / "d.html").mkdir()
     for path, records, words in (
-        (tmp_path / "none" / "r.html", {"run": run}, "there is no folder"),
+        (tmp_path / "none" / "r.html", {"run": run}, "cannot be written: the folder"),
         (tmp_path / "d.html", {"run": run}, "is a directory"),
         (tmp_path / "r.pdf", {}, "report needs at least one record"),
         (tmp_path / "r.pdf", {"run": 3}, "'run' is '3', needs a run, evidence"),

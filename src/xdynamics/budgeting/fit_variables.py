@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,6 +22,26 @@ Floats = NDArray[np.float64]
 PARAMETER, OTHER, RECORD = "parameter", "other", "record"
 ROLE = "fit"
 START = "start"
+
+
+@dataclass(frozen=True)
+class Bands:
+    """How well a fitted model is known at the measurements, in units of their weights.
+
+    Attributes
+    ----------
+    fitted : ndarray, shape (n,)
+        Standard uncertainty of what is fitted, by the covariance of the estimates (the delta method: G. A. F. Seber, C. J.
+        Wild, Nonlinear Regression (1989), section 5.1).
+    predicted : ndarray, shape (n,)
+        Of one more measurement there: with the scatter of a measurement.
+    half : float
+        Half of the intervals' width, in standard uncertainties.
+    """
+
+    fitted: Floats
+    predicted: Floats
+    half: float
 
 
 class Estimates(Protocol):
@@ -120,8 +141,8 @@ def records_as(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any]:
     return variables
 
 
-def residuals_as(problem: Fitting, residual: Floats) -> dict[str, Any]:
-    """Return what was measured, what the fitted model has there, and the difference, as variables.
+def residuals_as(problem: Fitting, residual: Floats, bands: Bands) -> dict[str, Any]:
+    """Return what was measured, what the fitted model has there with its uncertainties, and the difference, as variables.
 
     Where there are several records, a quantity that one of them has not is nan along its rows.
     """
@@ -139,6 +160,15 @@ def residuals_as(problem: Fitting, residual: Floats) -> dict[str, Any]:
                 name: (observed[part] - difference, f"{name} as the fitted model has it", "computed"),
                 f"residual_{name}": (difference, f"{name}, measured minus computed", "residual"),
             }
+            for word, row, said in (
+                (
+                    "fitted",
+                    bands.fitted,
+                    f"standard uncertainty of {name} as the fitted model has it, by the estimates' covariance",
+                ),
+                ("predicted", bands.predicted, f"standard uncertainty of one more measurement of {name} there"),
+            ):
+                columns[f"{word}_uncertainty_{name}"] = (row[whole] / weights[part], said, "uncertainty")
             if problem.told:
                 said = f"standard uncertainty of {name} as measured"
                 columns[f"measured_uncertainty_{name}"] = (1.0 / weights[part], said, "uncertainty")

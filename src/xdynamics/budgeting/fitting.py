@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.fit_intervals import COVARIANCE, PROFILE, intervals_as, profiles, quantile
 from xdynamics.budgeting.fit_problem import Asked, Fitting
 from xdynamics.budgeting.fit_records import bounds_of, labelled, record_of, records_of, scales_of, with_offsets
-from xdynamics.budgeting.fit_variables import estimates_as, records_as, residuals_as, searches_as
+from xdynamics.budgeting.fit_variables import Bands, estimates_as, records_as, residuals_as, searches_as
 from xdynamics.budgeting.losses import LINEAR, loss_named, spread_of
 from xdynamics.budgeting.multistart import Search, search, searches
 from xdynamics.budgeting.residuals import Tested
@@ -98,8 +98,9 @@ def fit(
     -------
     xarray.Dataset
         Along `parameter`: `parameter_name`, `parameter_units`, `estimate` and `standard_uncertainty` in these,
-        `interval` (along `bound`), `at_bound`, and with `other` the `correlation`; `parameter_record` of several records. Along `at` the measured values, those of the fitted model, and
-        the `residual_…`. Along `start` every search: `start_rule`, `start_value`, `start_estimate`, `start_square` (the
+        `interval` (along `bound`), `at_bound`, and with `other` the `correlation`; `parameter_record` of several records.
+        Along `at` the measured values, those of the fitted model, the `residual_…`, `fitted_uncertainty_…` (of the fitted
+        model, by the covariance of the estimates) and `predicted_uncertainty_…` (of one more measurement there). Along `start` every search: `start_rule`, `start_value`, `start_estimate`, `start_square` (the
         weighted sum of squares at its end), `start_converged`. Attributes `chi_square_probability`, `runs_probability`
         and `adequate`: 1 where the residuals are no more than noise; otherwise there is a warning, and budgets refuse
         the fitted model unless told otherwise. `model_toml` is the fitted model with the uncertainties and correlations
@@ -230,6 +231,7 @@ class Found:
     intervals: Floats
     condition: float
     freedom: int
+    bands: Bands
 
 
 def _found(problem: Fitting, best: Search, choice: Choice) -> Found:
@@ -244,7 +246,10 @@ def _found(problem: Fitting, best: Search, choice: Choice) -> Found:
     if choice.intervals == PROFILE and (scaled > 0).all():
         variance = 1.0 if problem.told else best.square / freedom
         ends = profiles(problem, best, choice.low, choice.high, scaled, half**2 * variance, half)
-    return Found(best.end * scales, scaled * scales, correlation, ends * scales[:, None], condition, freedom)
+    of_rows = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", best.slopes, covariance, best.slopes)))
+    noise = 1.0 if problem.told else np.sqrt(best.square / freedom)
+    bands = Bands(of_rows, np.hypot(of_rows, noise), half)
+    return Found(best.end * scales, scaled * scales, correlation, ends * scales[:, None], condition, freedom, bands)
 
 
 def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested, choice: Choice) -> xr.Dataset:
@@ -253,7 +258,7 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
     square, freedom = float(good @ good), good.size - best.end.size
     fitted = _fitted_models(problem, found, test)
     variables: dict[str, Any] = estimates_as(problem, best, found, choice.coverage) | records_as(problem, fitted)
-    variables |= residuals_as(problem, best.residual) | searches_as(results, problem.scales)
+    variables |= residuals_as(problem, best.residual, found.bands) | searches_as(results, problem.scales)
     attributes = {
         "data": _named(problem),
         "chi_square": square if problem.told else float("nan"),
@@ -271,6 +276,7 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
         "loss": problem.loss.name,
         "intervals": choice.intervals,
         "coverage": choice.coverage,
+        "half_width": found.bands.half,
         "asked": json.dumps(first.settings, sort_keys=True),
         "model_digest": first.model.digest,
         "fitted_digest": fitted[0].digest,

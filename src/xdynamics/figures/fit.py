@@ -52,6 +52,7 @@ def _values(fit: xr.Dataset, name: str, axes: Axes) -> None:
         measured, computed = fit[f"{MEASURED}{name}"].values[rows], fit[name].values[rows]
         label = f"measured, {fit['record_name'].values[record]}" if "record_name" in fit else "measured"
         axes.plot(along, measured, ".", markersize=4, color=COLOURS[1 + record % (len(COLOURS) - 1)], label=label)
+        _bands(fit, name, rows[order], axes, about=fit[name].values, labels=not record)
         fitted = "fitted model" + ", straight between the times" * (along.size < FEW and not name.startswith(OF_EVENTS))
         axes.plot(along[order], computed[order], color=COLOURS[0], linewidth=1.0, label=None if record else fitted)
     _label_across(fit, name, axes)
@@ -60,10 +61,30 @@ def _values(fit: xr.Dataset, name: str, axes: Axes) -> None:
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
 
+def _bands(fit: xr.Dataset, name: str, rows: Any, axes: Axes, *, about: Any, labels: bool) -> None:
+    """Draw where the fitted model is, and where one more measurement would be, with the fit's probability."""
+    coverage, half = float(fit.attrs.get("coverage", np.nan)), float(fit.attrs.get("half_width", np.nan))
+    for word, shade, what in (("predicted", 0.12, "one more measurement"), ("fitted", 0.3, "fitted model")):
+        if f"{word}_uncertainty_{name}" in fit and np.isfinite(half):
+            size = half * fit[f"{word}_uncertainty_{name}"].values[rows]
+            middle, along = about[rows], _along(fit, name)[rows]
+            axes.fill_between(
+                along,
+                middle - size,
+                middle + size,
+                color=COLOURS[0],
+                alpha=shade,
+                linewidth=0,
+                label=f"{what}, {coverage:.0%}" if labels else None,
+            )
+
+
 def _residuals(fit: xr.Dataset, name: str, axes: Axes) -> None:
     for record, rows in _records(fit, name):
         along, residuals = _along(fit, name)[rows], fit[f"{RESIDUAL}{name}"].values[rows]
         colour = COLOURS[1 + record % (len(COLOURS) - 1)]
+        order = np.argsort(along, kind="stable")
+        _bands(fit, name, rows[order], axes, about=np.zeros(fit[name].size), labels=False)
         if f"{DOUBT}{name}" in fit:
             doubts = fit[f"{DOUBT}{name}"].values[rows]
             axes.errorbar(along, residuals, doubts, fmt=".", color=colour, markersize=3, linewidth=0.5)

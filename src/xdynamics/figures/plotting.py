@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from xdynamics.archive import check_states, without_stale_units
 from xdynamics.archive.place import GIVEN, Given, placed
@@ -28,7 +28,7 @@ from xdynamics.figures import (
     sweep,
 )
 from xdynamics.figures.excerpt import drawn_of
-from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
+from xdynamics.figures.sheet import DPI, Panel, check_path, lit, on_axes, sheet, write
 from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
 from xdynamics.record.folding import model_dimensions
@@ -75,6 +75,7 @@ def plot(
     size: tuple[float, float] | None = None,
     dpi: int = DPI,
     dark: bool = False,
+    ax: Any = None,
 ) -> Picture:
     """Draw a run (its motion, energy, what drives or touches, with the events) or the findings of evidence.
 
@@ -102,17 +103,20 @@ def plot(
         Dots per inch, for PNG.
     dark : bool
         Whether to draw on a dark background.
+    ax : matplotlib.axes.Axes, optional
+        Axes of a figure of your own, to draw the first panel on; of a run `only` says which one that is.
 
     Returns
     -------
     matplotlib.figure.Figure
-        As a cell's last line a picture; its ``interactive()`` can be zoomed and asked for values, and needs plotly.
+        That of `ax`, or a new one. As a cell's last line a picture; its ``interactive()`` can be zoomed and asked for values, and needs plotly.
 
     Raises
     ------
     InputError
         If there is nothing to draw, the file's ending is unknown, or its folder does not exist.
     """
+    _check_axes(ax, path, size)
     if path is not None:
         check_path(placed(path))
     wanted = [only] if isinstance(only, str) else only
@@ -136,19 +140,14 @@ def plot(
     if panels not in run.AMOUNTS:
         raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
     _check(size, dpi)
-    options: dict[str, Any] = {}
-    if page is run.PAGE:
-        options = {"only": wanted, "beside": others, "amount": panels, "names": names}
-    options |= {"beside": others} if page is enclosure.PAGE else {}
-    if transient is not None:
-        options |= _left_out(page, transient)
-    if page is run.PAGE:
-        drawn, rest = run.panels_and_rest(given, **options)
-    else:
-        drawn, rest = page.panels_of(given, **options), ""
+    drawn, rest = _panels(page, given, transient, others, {"only": wanted, "amount": panels, "names": names})
     foot = "; ".join(filter(None, (page.foot_of(given), rest)))
     if not drawn:
         raise InputError(f"'{title}' has nothing that is drawn of it; give it whole, as it was made")
+    if ax is not None:
+        with lit(dark=dark):
+            on_axes(ax, drawn[0])
+        return cast("Picture", ax.figure)
     if len(drawn) > page.most_panels:
         foot = f"the first {page.most_panels} of {len(drawn)} panels; {foot}"
         drawn = drawn[: page.most_panels]
@@ -202,6 +201,23 @@ def _computed(record: Any, wanted: Sequence[str] | None) -> Any:
     if record.attrs.get(EVIDENCE):
         return computed(record)[0]
     return drawn_of(record, wanted)
+
+
+def _panels(page: Any, given: Any, transient: Any, others: Any, of_runs: dict[str, Any]) -> tuple[list[Panel], str]:
+    """Return the panels of what is drawn, and what is said of those that are not."""
+    left_out = {} if transient is None else _left_out(page, transient)
+    if page is run.PAGE:
+        return run.panels_and_rest(given, **of_runs, beside=others, **left_out)
+    beside = {"beside": others} if page is enclosure.PAGE else {}
+    return page.panels_of(given, **beside, **left_out), ""
+
+
+def _check_axes(ax: Any, path: Any, size: Any) -> None:
+    """Refuse what is no axes of a figure, and with axes what is of a figure that is made here."""
+    if ax is not None and not hasattr(ax, "figure"):
+        raise InputError(f"ax is {ax!r}, needs axes of matplotlib")
+    if ax is not None and (path is not None or size is not None):
+        raise InputError("path and size are of a figure that is made here, and ax is of one that is there; give one")
 
 
 def _check(size: Any, dpi: Any) -> None:

@@ -85,8 +85,6 @@ def sheet(
     InputError
         If a given size leaves too little room for each panel.
     """
-    from matplotlib import rcParams
-
     from xdynamics.figures.picture import Picture
 
     columns = min(2, len(panels))
@@ -101,19 +99,37 @@ def sheet(
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes, draw in zip(grid.flat, panels, strict=False):
-        axes.grid(color=rcParams["grid.color"], linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        _dressed(axes)
         draw(axes)
-    every = [part for axes in figure.axes for part in (axes, *axes.child_axes) if part.name != "3d"]
-    for axis in (axis for part in every for axis in (part.xaxis, part.yaxis)):
-        axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
-        fold_power(axis)
+    _typeset(figure.axes)
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
     settle(figure)
     figure.stale = False  # until somebody changes it
     return figure
+
+
+def on_axes(axes: Axes, draw: Panel) -> None:
+    """Draw a panel on axes of a figure that is another's."""
+    _dressed(axes)
+    draw(axes)
+    _typeset([axes])
+
+
+def _dressed(axes: Axes) -> None:
+    from matplotlib import rcParams
+
+    axes.grid(color=rcParams["grid.color"], linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _typeset(row: Sequence[Axes]) -> None:
+    """Typeset the units of labels, and put powers of ten beside them."""
+    every: list[Any] = [part for axes in row for part in (axes, *axes.child_axes) if part.name != "3d"]
+    for axis in (axis for part in every for axis in (part.xaxis, part.yaxis)):
+        axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
+        fold_power(axis)
 
 
 def _unit(match: re.Match[str]) -> str:
