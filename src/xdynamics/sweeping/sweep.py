@@ -87,7 +87,7 @@ def sweep(
     -------
     xarray.Dataset
         On the axes' own dimensions, lazy: computed by dask's threads, or on a cluster where there is a
-        `dask.distributed` client. With `path` it is marched at once, and opened from there. For every member
+        `dask.distributed` client, anew at each use: ``.compute()`` keeps the numbers, ``.persist()`` on a cluster. With `path` it is marched at once, and opened from there. For every member
         `end_time`, `run_outcome`, counts, `run_uncontrolled` (of how many variables given absolute tolerances may let
         pass 3 %, if every step errs by as much as they allow), and `run_digest`. A member that fails is a row with its
         outcome. `member` marches one again, to its whole run.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.evidence.grid_axes import AXIS, axes_said
+from xdynamics.evidence.stages import computed, is_lazy
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import PASSED
@@ -21,12 +22,20 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST = 12  # values of an axis, and variables, that are listed
+LAZY = (
+    "lazy      nothing is marched yet, and each use marches all of it anew: sweep.compute() keeps the numbers, a path"
+    " keeps them in files, sweep.persist() on a cluster"
+)
 _FIRST = ("run_", "end_time")  # what every sweep has
 
 
 def lines_of(sweep: xr.Dataset) -> list[str]:
     """Summarise what was varied, how the members ended, and the ranges of what was kept."""
     lines = [line for dim in axes_said(sweep) for line in _axis(sweep, dim)]
+    if is_lazy(sweep) and "source" not in sweep.encoding:
+        members = f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; to keep of each: {sweep.attrs[KEEP]}"
+        return [*lines, members, LAZY]
+    sweep = computed(sweep)[0]  # at once: of what is lazy each variable would be read anew
     lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
     outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
     text = ", ".join(
