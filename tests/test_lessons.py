@@ -13,7 +13,7 @@ import pytest
 from cases.problems import ROOT
 
 HOME = ROOT / "pipelines" / "lessons"
-SHORT = ("methods", "contacts")  # the others with --whole
+SHORT = ("methods", "contacts", "tables")  # the others with --whole
 
 
 def maker() -> Any:
@@ -65,6 +65,16 @@ def of_fitting(names: dict[str, Any]) -> None:
     assert (np.abs(names["estimates"] - (20.0, 0.12)) < 3.0 * names["doubts"]).all()
 
 
+def of_tables(names: dict[str, Any]) -> None:
+    """The closed form at the floor and in the states, the order of the method, and a ledger that passed."""
+    assert names["fallen"] == pytest.approx(0.5, abs=1e-6)
+    times, states = (names["states"][name].to_numpy() for name in ("time [s]", "y [m]"))
+    assert np.abs(states - 0.981 * (times - 0.1 * (1.0 - np.exp(-10.0 * times)))).max() < 1e-6
+    orders = [column for column in names["levels"].columns if column.startswith("order_y")]
+    assert names["levels"][orders[0]].dropna().iloc[-1] == pytest.approx(4.0, abs=0.2)
+    assert names["cases"]["verdict"].tolist() == ["passed"] * len(names["cases"])
+
+
 CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "methods": of_methods,
     "contacts": of_contacts,
@@ -72,6 +82,7 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "chaos": of_chaos,
     "uncertainty": of_uncertainty,
     "fitting": of_fitting,
+    "tables": of_tables,
 }
 
 

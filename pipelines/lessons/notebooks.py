@@ -12,7 +12,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]  # where models are found
-LESSONS = ("methods", "contacts", "bodies", "chaos", "uncertainty", "fitting")  # in the order of a course
+LESSONS = ("methods", "contacts", "bodies", "chaos", "uncertainty", "fitting", "tables")  # in the order of a course
 CELL = re.compile(r"^# %%(?: \[(markdown)\])?[^\n]*\n", re.MULTILINE)
 LONGEST = 600  # seconds of a cell
 
