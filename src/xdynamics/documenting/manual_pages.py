@@ -158,8 +158,15 @@ it; keep=["log"] keeps each run, and open_logs opens all.
 xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run. Dimensions are called as
 in a record: grid.sel(vt=30.0, solver_method="dop853"); where a parameter bears a word of xarray's
 own, grid.sel({"method": 1.0}).
+keep takes any number of a run, an event or a diagnosis: "energy_drift", "event_residual_ground".
 Files may be objects, "s3://bucket/run.nc", a grid a Zarr store: `xdynamics help stores`. contrast,
-sensitivities, influences, sobol_indices, convergence and precision say what a grid shows.
+sensitivities, influences, sobol_indices, convergence and precision say what a grid shows: contrast
+and convergence with what each number is uncertain by, precision(model, {"method": [...], "rtol":
+[...]}) with the Pareto front of work and error. xd.error_budget(grid, "t", event="ground") is the
+budget of every member. Grids of several tolerances are put together by xarray itself,
+xr.concat([one, other], "solver_rtol"), and are a grid. xd.open_runs("folder", keep=["end"]) makes
+one of archived runs, along `member`, lazily; `xdynamics table folder/*.nc --keep energy_drift` is
+its table.
 xd.compare(grid, other), or `xdynamics compare balls others`, compares two, member by member, found
 by the values of their axes: each difference with its uncertainty (from an axis of steps or
 tolerances), whether it differs by more, who is alone, and the cause by name. Of a
