@@ -181,3 +181,20 @@ def test_what_is_wrong_is_one_line(case: str) -> None:
     made, words = WRONG[case]
     with pytest.raises(xd.InputError, match=words):
         made(swept())
+
+
+def test_a_table_that_differs_is_named_by_its_first_row(tmp_path: Path) -> None:
+    """Assert the name of a measured table, of its file, and the first of its rows that differ, with their number."""
+    text, rows = ((MODELS / f"cart_spring.{end}").read_text() for end in ("toml", "csv"))
+    (tmp_path / "a.csv").write_text(rows)
+    (tmp_path / "b.csv").write_text(rows.replace("-17.5,11.82", "-17.5,11.83").replace("-15,9.04", "-15,9.05"))
+    models = []
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.toml").write_text(text.replace("cart_spring.csv", f"{name}.csv"))
+        models.append(xd.Model.from_toml(tmp_path / f"{name}.toml"))
+    grids = [xd.sweep(model, {"x": "0.1:0.12:2 m"}, until="0.1 s").compute() for model in models]
+    found = xd.compare(*grids)
+    assert found.attrs["cause"] == "model: drives.restoring.table: a.csv | b.csv, and 1 more"
+    assert found.attrs["model"].splitlines()[1] == (
+        "drives.restoring.csv: row 6: -17.5,11.82 | -17.5,11.83, and 1 more"
+    )

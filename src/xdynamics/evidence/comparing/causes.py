@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import zip_longest
 from typing import Any
 
 import xarray as xr
@@ -41,12 +42,19 @@ def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
         section, _, rest = name.partition(".")
         if values[0] != values[1] and section not in ("name", "description", "run"):
             heading, key = (section, rest) if section in SECTIONS else ("model", name)
-            differences[heading].append(
-                escaped(
-                    f"{key.removesuffix('.value')}: {' | '.join(_short(value.removesuffix(' 1')) for value in values)}"
-                )
-            )
+            differences[heading].append(escaped(f"{key.removesuffix('.value')}: {_apart(*values)}"))
     return {name: "\n".join(lines) for name, lines in differences.items()}
+
+
+def _apart(first: str, second: str) -> str:
+    """Return two values beside each other; of tables, which are texts of many rows, the first row that differs."""
+    rows = first.splitlines(), second.splitlines()
+    pairs = [*zip_longest(*rows, fillvalue="absent")]
+    differing = [number for number, pair in enumerate(pairs) if pair[0] != pair[1]]
+    if min(map(len, rows)) < 2 or not differing:
+        return " | ".join(_short(value.removesuffix(" 1")) for value in (first, second))
+    more = f", and {len(differing) - 1} more" if len(differing) > 1 else ""
+    return f"row {differing[0] + 1}: {' | '.join(map(_short, pairs[differing[0]]))}{more}"
 
 
 def _models(first: xr.Dataset, second: xr.Dataset) -> list[dict[str, Any]]:
