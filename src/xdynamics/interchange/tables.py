@@ -239,7 +239,7 @@ def _rank(name: str, variable: xr.Variable) -> int:
     role = str(variable.attrs.get("role"))
     if role in AHEAD:
         return AHEAD[role]
-    if name.endswith(("_name", "_kind")):
+    if name.endswith("_name") or name == "term_kind":
         return len(AHEAD)
     return len(AHEAD) + (2 if name.endswith(("_rule", "_text")) else 1)
 
