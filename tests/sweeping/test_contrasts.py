@@ -87,6 +87,17 @@ def test_sweeps_put_together_are_a_sweep(name: str) -> None:
     assert again.y.shape == (3, 2, 1)
 
 
+def test_settings_that_all_members_share_are_coordinates() -> None:
+    """Assert words and numbers with what they are, none of an absolute tolerance for each variable, and none for an axis."""
+    asked: dict[str, Any] = {"rtol": 1e-6, "atol": {"y": "1 um"}, "max_step": "0.1 s", "until": "1 s"}
+    found = xd.sweep(BALL, {"v_y": [10.0], "method": ["heun"]}, **asked)
+    assert float(found.solver_rtol) == 1e-6
+    assert float(found.solver_max_step) == 0.1
+    assert found.solver_max_step.attrs["units"] == "s"
+    assert found.solver_method.dims == ("solver_method",)
+    assert "solver_atol" not in found.variables
+
+
 @pytest.mark.parametrize("engine", ["netcdf4", "h5netcdf"])
 def test_a_catalogue_that_plain_xarray_opened_gives_its_members(tmp_path: Path, engine: Any) -> None:
     """Assert the member, its table and a survey of a catalogue whose texts plain xarray leaves as numbers."""

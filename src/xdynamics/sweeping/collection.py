@@ -160,7 +160,12 @@ def _shared_columns(grid: SweepGrid) -> list[AxisColumn]:
     shared = _shared_settings(grid)
     taken = {*grid.dims, *(column.label for _, column in grid.columns)}
     names = [name for name in SHARED if f"solver_{name}" in shared]
-    names += [name for name in grid.asked if name in SETTINGS and name not in SHARED]
+    # rows and mappings, such as an absolute tolerance for each variable, can be no axis
+    names += [
+        name
+        for name, value in grid.asked.items()
+        if name in SETTINGS and name not in SHARED and isinstance(value, str | int | float)
+    ]
     values = [shared.get(f"solver_{name}", grid.asked.get(name)) for name in names]
     columns = [column_of(grid.model, name, [value]) for name, value in zip(names, values, strict=True)]
     return [column for column in columns if column.label not in taken]
