@@ -157,3 +157,19 @@ def test_wrong_input_is_named(case: str) -> None:
     with pytest.raises(xd.InputError) as caught:
         call()
     assert words in str(caught.value)
+
+
+def test_values_are_added_to_an_axis_while_the_result_is_open(tmp_path: Path) -> None:
+    """Assert that what was opened before goes on with its own numbers, read after, and that files are closed with it."""
+    asked: dict[str, Any] = {"rtol": 1e-6, "until": "1 s", "path": tmp_path / "s"}
+    small = xd.sweep(BALL, {"v_y": [10.0, 15.0]}, **asked)
+    other = xd.open_sweep(tmp_path / "s")
+    whole = xd.sweep(BALL, {"v_y": [10.0, 15.0, 20.0]}, **asked)
+    assert small.end_y.values.tolist() == other.end_y.values.tolist() == whole.end_y.values.tolist()[:2]
+    longest = xd.sweep(BALL, {"v_y": [10.0, 15.0, 20.0, 25.0]}, **asked)
+    assert whole.end_v_y.values.tolist() == longest.end_v_y.values.tolist()[:3]
+    assert small.end_v_y.values.tolist() == longest.end_v_y.values.tolist()[:2]
+    assert str(xd.verify(tmp_path / "s").verdict.values) == "verified"
+    for opened in (small, other, whole, longest):
+        opened.close()
+    xd.sweep(BALL, {"v_y": [10.0, 15.0, 20.0, 25.0, 30.0]}, **asked)

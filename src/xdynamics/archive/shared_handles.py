@@ -28,6 +28,7 @@ Identity = tuple[int, int, int, int]  # device, inode, size, time of the last ch
 
 _open: OrderedDict[int, netCDF4.Dataset] = OrderedDict()
 _lent: WeakSet[Lent] = WeakSet()
+_kept_open: set[int] = set()  # of those whose name another file has taken or is to take: they could not be opened again
 
 
 class Lent:
@@ -51,8 +52,8 @@ class Lent:
         file = _open.get(id(self))
         if file is None or not file.isopen():  # closed where the file was overwritten and opened anew
             file = _open[id(self)] = self._reopened()
-            while len(_open) > MOST_OPEN:
-                _open.popitem(last=False)[1].close()
+            for oldest in [key for key in _open if key not in _kept_open][: max(0, len(_open) - MOST_OPEN)]:
+                _open.pop(oldest).close()
         _open.move_to_end(id(self))
         return file
 
@@ -64,6 +65,7 @@ class Lent:
     def close(self, needs_lock: bool = True) -> None:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
         """Close the file; its name may go to another from now on, though this one may still be read again."""
         self.in_use = False
+        _kept_open.discard(id(self))
         file = _open.pop(id(self), None)
         if file is not None:
             file.close()
@@ -102,6 +104,7 @@ class Lent:
         # this may run in any thread at any point: it must not wait
         if _open is None:  # the interpreter is shutting down
             return
+        _kept_open.discard(id(self))
         file = _open.pop(id(self), None)
         if file is not None:
             leave(file)
@@ -176,8 +179,16 @@ class _Closing:
         return _Closing, (self._one(),)
 
 
+@alone
+def keep_open(path: Path) -> None:
+    """Keep open what is still to be read from a file whose name another is to take: it is read from there until it is closed."""
+    for archive in _readers(path):
+        archive.acquire()
+        _kept_open.add(id(archive))
+
+
 def is_lent(path: Path) -> bool:
-    """Whether variables of a run in this process still have to be read from a file."""
+    """Whether variables of a run in this process still have to be read from a file, and it is not kept open for them."""
     if not any(_readers(path)):
         return False
     gc.collect()  # unreachable runs that wait to be collected
@@ -189,7 +200,11 @@ def _readers(path: Path) -> Iterator[Lent]:
         device, inode, *_ = identity_of(path)
     except OSError:
         return
-    yield from (archive for archive in _all() if archive.in_use and archive.identity[:2] == (device, inode))
+    yield from (archive for archive in _all() if _is_reader(archive, (device, inode)))
+
+
+def _is_reader(archive: Lent, inode: tuple[int, int]) -> bool:
+    return archive.in_use and id(archive) not in _kept_open and archive.identity[:2] == inode
 
 
 @alone

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.reading import values_of
 from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
+from xdynamics.archive.shared_handles import keep_open
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import is_folder, made_folder, store_of
 from xdynamics.evidence.evidence_dataset import about, exhibit
@@ -247,7 +249,8 @@ def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | 
             return sweep
         existing = additions(plan, sweep, folder / CATALOGUE, partial(archive.open_run, check=False))
         sweep.close()
-        archive.check_target(folder / CATALOGUE)  # nobody may be reading the file to be replaced
+        if isinstance(catalogue := folder / CATALOGUE, Path):
+            keep_open(catalogue)  # whoever reads the smaller sweep goes on with its file, which loses its name
     work = folder / UNFINISHED / _work(plan.digest)
     if others := [path for path in unfinished(folder) if path != work]:
         raise InputError(
