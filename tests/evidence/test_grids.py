@@ -167,7 +167,10 @@ WRONG: dict[str, tuple[Any, str]] = {
         lambda sweep: xd.compare(sweep, swept(axes={"e": [0.7]})),
         "no value of 'e' is in both sweeps: e = 0.8, e = 0.9 there, e = 0.7 here",
     ),
-    "times": (lambda sweep: xd.compare(sweep, sweep, times=[0.1]), "times, compute and sizes are for runs"),
+    "times": (
+        lambda sweep: xd.compare(sweep, sweep, times=[0.1]),
+        "times, compute, sizes and occurrences are for runs",
+    ),
     "another dimension": (
         lambda sweep: xd.compare(sweep, sweep.assign(end_y=sweep.end_y.assign_attrs(units="kg"))),
         "'end_y' has the unit 'm' in the first sweep and 'kg' in the second",

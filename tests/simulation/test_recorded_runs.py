@@ -105,3 +105,15 @@ def test_given_steps_are_said_to_have_no_place_in_a_run_section() -> None:
     run = xd.simulate(BALL, method="rk4", step=[0.1, 0.2], until=0.3)
     with pytest.raises(xd.InputError, match="given one by one, and a .run. has one step; .* step=run.given_step_size"):
         xd.simulate(run, parameters={"vt": 35.0})
+
+
+def test_a_value_that_keeps_an_uncertainty_says_so(tmp_path: Path) -> None:
+    """Assert one line for a value without an uncertainty of its own, and none for one that has it."""
+    given = ["run", str(MODELS / "ball_drag.toml"), "-o", str(tmp_path / "r.nc"), "--until", "0.1 s", "--set"]
+    said = "vt = 35 m s-1 keeps the uncertainty of the model, 1 m s-1; write '35 ± 0 m s-1' for none"
+    for text, expected in (("vt=35 m s-1", 1.0), ("vt=35", 1.0), ("vt=35 ± 0 m s-1", 0.0), ("vt=35(2) m s-1", 2.0)):
+        done = CliRunner().invoke(main, [*given, text])
+        assert done.exit_code == 0, done.output
+        assert (said in done.output) is (expected == 1.0)
+        with xd.open_run(tmp_path / "r.nc") as run:
+            assert xd.Model.from_record(run).statement.parameters["vt"].uncertainty == expected

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -175,7 +176,26 @@ def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "belo
     from xdynamics.model import Model
 
     model = _recorded(model_file) if model_file.endswith(".nc") else Model.from_toml(model_file, tables=tables)
-    return model.replace(**_changed(model, pairs(changes, "--set"))) if changes else model
+    if not changes:
+        return model
+    asked = pairs(changes, "--set")
+    changed = model.replace(**_changed(model, asked))
+    say(_kept_uncertainties(changed, asked))
+    return changed
+
+
+def _kept_uncertainties(model: Model, asked: Mapping[str, str]) -> Iterator[str]:
+    """Say of what was set without an uncertainty that it keeps the model's."""
+    from xdynamics.units import unit_suffix
+
+    for name, text in asked.items():
+        parameter = model.uncertain.get(model.shapes.inside(name))
+        if parameter is not None and parameter.uncertainty and not {"±", "("} & {*text}:
+            value, unit = parameter.quantity.value, unit_suffix(parameter.quantity.unit.text)
+            yield (
+                f"set       {name} = {value:g}{unit} keeps the uncertainty of the model, {parameter.uncertainty:g}{unit};"
+                f" write '{value:g} ± 0{unit}' for none"
+            )
 
 
 def _recorded(archive: str) -> Model:

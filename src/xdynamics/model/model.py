@@ -263,7 +263,8 @@ class Model(ModelTrees):
     def replace(self, **sections: Mapping[str, Any] | str) -> Model:
         """Return a model with some entries of some sections replaced, added, or taken away.
 
-        A bare number takes the unit of the entry: ``model.replace(parameters={"c": 2e-3})``. An entry that is None goes:
+        A bare number takes the unit of the entry: ``model.replace(parameters={"c": 2e-3})``. A value without an uncertainty
+        keeps that of the entry; ``"35 ± 2 m s-1"`` has another, ``"35 ± 0 m s-1"`` none. An entry that is None goes:
         ``model.replace(events={"apex": None})``. New ones may be forces, events, contacts and so on, not parameters or
         values at the start, of which an unknown name is a misspelt one. ``run={"step": "1 ms"}`` takes the place of
         tolerances in `[run]`; ``name="another"`` and `description` are texts.
