@@ -82,6 +82,9 @@ def test_wrong_runs_are_named(runs: dict[str, xr.Dataset]) -> None:
     """Assert an error for none, for evidence, for times that none has, for what is of two runs alone."""
     first, second = runs["heun"], runs["rk4"]
     late = xd.simulate(BALL.replace(initial={"t": "5 s"}), method="heun", step="20 ms", until="6 s")
+    for given in ((first,), (first, second, late), ([first, second], late)):
+        with pytest.raises(xd.InputError, match=r"as in compare\(a, \[b, c\]\)"):
+            xd.compare(*given)
     for others, words, more in (
         ([], "second has no run; give one at least", {}),
         ([second, xd.diagnose(first)], "compare needs runs", {}),

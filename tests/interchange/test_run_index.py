@@ -126,6 +126,7 @@ WRONG: dict[str, tuple[Any, dict[str, Any], str]] = {
     "a text": (["text.nc"], {}, "cannot be opened as a run archive"),
     "a number": (3, {}, "need a folder, a pattern like 'results/*.nc', or files"),
     "nothing": ([], {}, "need a folder"),
+    "a number to keep": (".", {"keep": 3}, "keep is 3, needs words like 'end'"),
     "an unknown word": (".", {"keep": "event_time_grund"}, "keep has 'event_time_grund', which no run, event or"),
 }
 

@@ -228,7 +228,9 @@ def _words(
     keep: Any, heads: Sequence[xr.Dataset], functions: Functions | None
 ) -> dict[str, tuple[str, str, list[float]]]:
     """Return the unit of every wanted number, what it is, and what brings each run's to that unit."""
-    row = [keep] if isinstance(keep, str) else list(keep)
+    row = [keep] if isinstance(keep, str) or not isinstance(keep, Sequence) else list(keep)
+    if not all(isinstance(word, str) for word in row):
+        raise InputError(f"keep is {str(keep)[:60]}, needs words like 'end'")
     of_runs: dict[Any, Any] = {}
     known = [_Known(unfold(head), functions, of_runs) for head in heads]
     if END in row:

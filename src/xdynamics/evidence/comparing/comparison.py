@@ -35,7 +35,7 @@ Functions = Mapping[str, Callable[..., float]]
 
 def compare(
     first: xr.Dataset,
-    second: Any,
+    second: Any = None,
     times: Sequence[float] | Floats | float | str | None = None,
     *,
     functions: Functions | None = None,
@@ -106,14 +106,12 @@ def compare(
     >>> bool((abs(apart.difference_x) < 1e-3).all()), apart.attrs["cause"]
     (True, 'settings: solver_step: 0.02 | 0.007')
     """
-    if is_sweep(first) or is_sweep(second):
-        if not (is_sweep(first) and is_sweep(second)):
-            raise InputError(
-                "one is a sweep and the other is none; give two sweeps, or a run of it by xdynamics.member"
-            )
+    _check_given(first, second, times)
+    if is_sweep(first):
         if times is not None or not compute or sizes is not None or occurrences is not None:
             raise InputError(
-                "times, compute, sizes and occurrences are for runs: sweeps are compared where both have values, as lazy as they are"
+                "times, compute, sizes and occurrences are for runs: sweeps are compared where both have values, as lazy as they"
+                " are"
             )
         return compare_sweeps(first, second)
     _check(first)
@@ -141,6 +139,16 @@ def compare(
     if not compute:
         return described(first, second, at, functions, {} if sizes is None else sizes, occurrences)
     return compared(first, second, at, functions)
+
+
+def _check_given(first: Any, second: Any, times: Any) -> None:
+    """Refuse runs that are given otherwise than as a first one and what it is compared with."""
+    if second is None or (isinstance(first, Mapping | list | tuple) and not isinstance(first, xr.Dataset)):
+        raise InputError("compare needs a run, and what it is compared with; several runs as in compare(a, [b, c])")
+    if isinstance(times, xr.Dataset):
+        raise InputError("times is a Dataset; several runs are compared with a first one as in compare(a, [b, c])")
+    if is_sweep(first) is not is_sweep(second):
+        raise InputError("one is a sweep and the other is none; give two sweeps, or a run of it by xdynamics.member")
 
 
 def _each(first: xr.Dataset, others: Any, times: Any, functions: Functions | None) -> xr.Dataset:
