@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
 from xdynamics.archive.place import Given, Place, check_name, placed
-from xdynamics.archive.stores import made_folder, taking_name
-from xdynamics.documenting.single_page import check_page, is_page, write_page
+from xdynamics.archive.stores import check_target, made_folder, taking_name
+from xdynamics.documenting.single_page import is_page, write_page
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.cluster import Tell, connected
 from xdynamics.evidence.stages import computed
@@ -63,7 +63,7 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
             check_name(each)
     single = is_page(placed(folder))
     if single:
-        check_page(placed(folder))
+        check_target(placed(folder))
     target = placed(folder) if single else made_folder(placed(folder))
     whole, faults = _computed(records)
     if single:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
 from xdynamics.archive.place import Place
-from xdynamics.archive.stores import check_target, taking_name
+from xdynamics.archive.stores import taking_name
 from xdynamics.documenting.summary import summary
 from xdynamics.faults import InputError
 from xdynamics.figures import plot
@@ -32,17 +32,6 @@ STYLE = (
 def is_page(path: Place) -> bool:
     """Whether a report is asked for as one file."""
     return path.suffix.lower() in ENDINGS
-
-
-def check_page(path: Place) -> None:
-    """Check, before anything is computed, that a page can be written.
-
-    Raises
-    ------
-    InputError
-        If it cannot.
-    """
-    check_target(path)
 
 
 def write_page(path: Place, records: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ from xdynamics.evidence.grid_axes import axes_said
 from xdynamics.figures.marks import COLOURS, in_unit, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep_labels import labelled, other_axes
+from xdynamics.figures.sweep_maps import colour_bar
 from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
@@ -94,10 +95,7 @@ def _map(budgets: xr.Dataset, name: str, wide: list[str], axes: Axes) -> None:
     values = np.ma.masked_invalid(budgets[name].transpose(y, x).values)
     across, up = budgets[x].values.astype(float), budgets[y].values.astype(float)
     mesh = axes.pcolormesh(across, up, values, cmap=SHADES, shading="nearest", rasterized=True)
-    figure = axes.figure
-    bar = figure.colorbar(mesh, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)))
-    bar.set_label(words(in_unit("", str(budgets["value"].attrs["units"]))).strip(), fontsize=8)
-    bar.ax.tick_params(labelsize=7)
+    colour_bar(mesh, words(in_unit("", str(budgets["value"].attrs["units"]))).strip(), axes)
     axes.set(xlabel=labelled(budgets, x), ylabel=labelled(budgets, y))
     axes.grid(visible=False)
     said = {"value": budgets.attrs["of"]} | {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator, Mapping
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -16,6 +16,7 @@ from xdynamics.evidence.grid_axes import axes_said
 from xdynamics.figures.marks import COLOURS, in_unit, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep_labels import labelled, other_axes
+from xdynamics.figures.sweep_maps import colour_bar
 from xdynamics.schema import AT, OCCURRENCE
 
 if TYPE_CHECKING:
@@ -96,12 +97,9 @@ def _map(part: xr.Dataset, name: str, wide: list[str], axes: Axes) -> None:
     beyond = (part[f"verdict_{name}"].transpose(y, x).values == DIFFERS).astype(float)
     if min(beyond.shape) > 1 and 0.0 < beyond.mean() < 1.0:
         axes.contour(across, up, beyond, levels=[0.5], colors="black", linewidths=1.0)
-    place = axes.inset_axes((1.02, 0.0, 0.03, 1.0))
-    figure: Any = axes.figure
-    bar = figure.colorbar(mesh, cax=place, extend="both" if sizes.max(initial=0.0) > top else "neither")
     units = str(part[f"{HEAD}{name}"].attrs["units"])
-    bar.set_label(words("difference / uncertainty" if is_known else in_unit("difference", units)), fontsize=8)
-    bar.ax.tick_params(labelsize=7)
+    label = words("difference / uncertainty" if is_known else in_unit("difference", units))
+    colour_bar(mesh, label, axes, extend="both" if sizes.max(initial=0.0) > top else "neither")
     axes.set(xlabel=labelled(part, x), ylabel=labelled(part, y))
     axes.grid(visible=False)
     share = f"{int(beyond.sum())} of {beyond.size} differ" if is_known else "uncertainty unknown"

@@ -103,8 +103,13 @@ def _mesh(sweep: xr.Dataset, values: Values, shown: list[str], shades: dict[str,
 
 def _explain(mesh: Any, values: Values, ticks: Any, label: str, axes: Axes) -> None:
     """Explain colours by a bar at the right edge of their axes."""
-    place = axes.inset_axes((1.02, 0.0, 0.03, 1.0))
-    bar = axes.figure.colorbar(mesh, cax=place, ticks=ticks, extend=_beyond(values, mesh.norm))
+    colour_bar(mesh, label, axes, ticks=ticks, extend=_beyond(values, mesh.norm))
+
+
+def colour_bar(mesh: Any, label: str, axes: Axes, **how: Any) -> None:
+    """Draw a bar of a map's colours at the right edge of its axes; `how` as matplotlib's `colorbar` has it."""
+    figure: Any = axes.figure
+    bar = figure.colorbar(mesh, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), **how)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=7)
 

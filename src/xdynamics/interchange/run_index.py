@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from functools import partial
 from glob import glob, has_magic
 from pathlib import Path
@@ -24,7 +23,7 @@ from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import EVENTS, ROOT_DIGEST, STEPS
-from xdynamics.sweeping.kept_quantities import AFTER, BEFORE, END, EVENT_COUNT, EVENT_TIME
+from xdynamics.sweeping.kept_quantities import AFTER, BEFORE, COUNTS, END, EVENT_COUNT, EVENT_TIME, misspelt
 from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities, values_of
 from xdynamics.units import parse_unit
 
@@ -38,7 +37,6 @@ SETTINGS = {
     "step": "step",
     "until": "time up to which it was asked for",
 }
-COUNTED = ("run_accepted_steps", "run_rejected_trials", "run_force_evaluations")
 STATES = ("coordinate", "velocity", "state")
 Functions = Mapping[str, Callable[..., float]]
 
@@ -190,7 +188,7 @@ def _described(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
         units = next((str(run.attrs[f"{name}_units"]) for run in runs if f"{name}_units" in run.attrs), "1")
         if np.isfinite(values).any():
             found[name] = (MEMBER,), values, about(units, f"{said}; nan of runs without one", "setting")
-    for name in COUNTED:
+    for name in COUNTS:
         values = np.array([int(run.attrs.get(name, -1)) for run in runs])
         found[name] = (MEMBER,), values, about("1", name.removeprefix("run_").replace("_", " "), "effort")
     parameters = {
@@ -243,8 +241,7 @@ def _words(
         first = next((number for number in numbers if number is not None), None)
         if first is None:
             every = list(dict.fromkeys(name for each in known for name in each.names))
-            nearest = ", ".join(get_close_matches(str(word), every, n=3, cutoff=0.0))
-            raise InputError(f"keep has '{word}', which no run, event or diagnosis has; the nearest are {nearest}")
+            raise InputError(f"keep has {misspelt(word, every)}")
         factors = [1.0 if number is None else _factor(word, {"units": number.units}, first.units) for number in numbers]
         found[word] = first.units, first.long_name, factors
     return found

@@ -40,11 +40,13 @@ LARGEST, LEAST = "maximum_", "minimum_"
 DIAGNOSTIC, EVENT, COUNT = "diagnostic", "event", "effort"
 FLAGS = ("flag_values", "flag_meanings")
 OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
+COUNTS: dict[str, Take] = {
+    "run_accepted_steps": lambda runs: runs.runs.accepted,
+    "run_rejected_trials": lambda runs: runs.runs.trials,
+    "run_force_evaluations": lambda runs: runs.runs.evaluations,
+}  # as attributes of a record call them
 # what every sweep has of its members, whatever is kept
-ALWAYS = (
-    *("end_time", "run_accepted_steps", "run_rejected_trials", "run_force_evaluations"),
-    *(OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY),
-)
+ALWAYS = ("end_time", *COUNTS, OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY)
 
 
 @dataclass(frozen=True)
@@ -131,13 +133,14 @@ class Keeping:
             variables |= {variable.name: variable for variable in kept}
         if unknown:
             known = list(dict.fromkeys([*of_wholes(reader.known()), *reader.of_runs, *ALWAYS]))
-            raise InputError(f"keep has {'; '.join(_misspelt(word, known) for word in unknown)}")
+            raise InputError(f"keep has {'; '.join(misspelt(word, known) for word in unknown)}")
         stems = {name: parted(name)[0] for name in variables}
         own = {name: variables[name] for name, stem in stems.items() if stem == name or stem not in variables}
         return folded(own, reader.shapes)  # an element whose quantity is kept is in it
 
 
-def _misspelt(word: str, known: Sequence[str]) -> str:
+def misspelt(word: str, known: Sequence[str]) -> str:
+    """Say that a word of `keep` stands for nothing, and which three are nearest."""
     nearest = get_close_matches(word, known, n=3, cutoff=0.0)
     return f"'{word}', which no run, event or diagnosis of the model has; the nearest are {', '.join(nearest)}"
 

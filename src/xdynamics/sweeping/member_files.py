@@ -20,8 +20,8 @@ from xdynamics.archive.stores import store_of
 from xdynamics.archive.streaming import streamed
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March
-from xdynamics.sweeping.kept_quantities import DIGEST
-from xdynamics.sweeping.members import COUNTS, FILE, SEAL, Block, Plan, march_of
+from xdynamics.sweeping.kept_quantities import COUNTS, DIGEST
+from xdynamics.sweeping.members import FILE, SEAL, Block, Plan, march_of
 
 if TYPE_CHECKING:
     import xarray as xr

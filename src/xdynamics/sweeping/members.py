@@ -30,6 +30,7 @@ from xdynamics.sweeping.ensemble_records import Harvest, parts_of
 from xdynamics.sweeping.grid import At, Group, SweepGrid
 from xdynamics.sweeping.kept_quantities import (
     COUNT,
+    COUNTS,
     DIAGNOSTIC,
     DIGEST,
     OUTCOME,
@@ -56,11 +57,6 @@ _GOLDEN = 0x9E3779B97F4A7C15
 FILE, SEAL, CONTENT_DIGEST = "run_file", RUN_SEAL, "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
 DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
-COUNTS: dict[str, Callable[[Harvest], Values]] = {
-    "run_accepted_steps": lambda runs: runs.runs.accepted,
-    "run_rejected_trials": lambda runs: runs.runs.trials,
-    "run_force_evaluations": lambda runs: runs.runs.evaluations,
-}  # as attributes of a record call them
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 LISTED = (CYCLE, TURNS)  # of which a run has as many as it happens to have
 BY_COMPANION = ("believed_until", "phase_offset")  # for which a diagnosis marches once more
-UNLISTED = ("rule", "gate")  # roles, and dimensions, of what is said of a diagnosis in words
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,8 @@ def run_quantities(model: Model, settings: Settings) -> dict[str, RunQuantity]:
     diagnosis = foreseen(March(model, settings), 1)
     for name, variable in diagnosis.variables.items():
         dims = tuple(str(dim) for dim in variable.dims)
-        if variable.dtype.kind in "fi" and variable.attrs.get("role") not in UNLISTED and "gate" not in dims:
+        is_known = {*dims} <= {*LISTED, *model.shapes.extents}  # gates are of the model, and no numbers
+        if variable.dtype.kind in "fi" and variable.attrs.get("role") != "rule" and is_known:
             own = tuple(dim for dim in dims if dim not in LISTED)
             found[str(name)] = RunQuantity(own, variable.dtype.str[1:], dict(variable.attrs), is_listed=own != dims)
     return found
