@@ -44,6 +44,8 @@ def test_each_is_compared_as_it_would_be_alone(runs: dict[str, xr.Dataset]) -> N
         for word in ("cause", "parted", "settings", "parameters", "initial"):
             assert str(found[word].values[k]) == alone.attrs[word]
         assert float(found.largest_difference_y[k]) == float(abs(alone.difference_y).max())
+    back = xd.compare(others[0], [first], times=times)
+    assert float(back.largest_difference_y[0]) == float(found.largest_difference_y[0]) > 0.0
     assert found.cause.values[2] == "initial: v_y: 20.0 m s-1 | 30.0 m s-1"
     assert found.attrs["identical"] == 0
 

@@ -12,6 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.record.flag_words import words_of
+from xdynamics.sweeping.ensemble_analysis import _on_front
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -125,6 +126,16 @@ def test_the_pareto_front_is_of_the_runs_that_none_betters(methods: xr.Dataset) 
     better = (off <= off[:, None]) & (work <= work[:, None]) & ((off < off[:, None]) | (work < work[:, None]))
     assert found.front_end_x.values.ravel().tolist() == (~better.any(axis=1)).astype(int).tolist()
     assert 0 < found.front_end_x.values.sum() < 9
+
+
+def test_a_run_that_costs_more_and_is_no_nearer_is_on_no_front() -> None:
+    """Assert rows by hand: a little worse, as good for more work, as cheap and worse, not finite."""
+    errors = np.array([[1.0, 0.5, 0.7, 0.1, 0.1, 2.0, np.nan], [4.0, 3.0, 2.0, 1.0, 0.0, 5.0, 6.0]])
+    works = np.array([[1, 2, 3, 4, 5, 1, 0], [1, 2, 3, 4, 5, 6, 0]])
+    front = _on_front(errors, works, is_exact=False, along=1)
+    assert front[0].tolist() == [1, 1, 0, 1, 0, 0, 0]
+    assert front[1].tolist() == [1, 1, 1, 1, 0, 0, 1]
+    assert _on_front(errors, works, is_exact=True, along=1)[1].tolist() == [1, 1, 1, 1, 1, 0, 1]
 
 
 def test_what_is_taken_for_exact_betters_none(methods: xr.Dataset) -> None:
