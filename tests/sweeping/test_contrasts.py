@@ -51,6 +51,7 @@ def test_without_levels_nothing_is_claimed() -> None:
     found = xd.contrast(grid, "vt")
     assert words_of(found.verdict_end_v_y) == ["unknown", "within"]
     assert words_of(found.verdict_maximum_y)[0] == "differs"
+    assert found.difference_maximum_y.attrs["long_name"] == "largest y of the run, minus that of vt = 40.0 m s-1"
     kept = grid.maximum_y_uncertainty
     assert found.uncertainty_maximum_y.values.tolist() == (kept + kept[1]).values.tolist()
 

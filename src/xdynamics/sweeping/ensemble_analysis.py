@@ -27,7 +27,7 @@ from xdynamics.sweeping.axes import RTOL, SETTING, STEP, named_among
 from xdynamics.sweeping.collection import axis_of, plan_of
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.labels import place_on
-from xdynamics.units import quotient
+from xdynamics.units import quotient, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,6 +70,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
     at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
     chosen = sweep.isel({dim: at})
     label = str(chosen[dim].values) if dim in sweep.coords else str(at)
+    unit = unit_suffix(str(chosen[dim].attrs["units"])) if dim in sweep.coords else ""
     variables: dict[str, Any] = {}
     floors = rounding_floors(sweep)
     for name in _judged_numbers(sweep):
@@ -77,7 +78,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
         of_reference = chosen[name].broadcast_like(own).transpose(*own.dims).variable
         total = None if doubt is None else doubt + (doubt.isel({dim: at}) if dim in doubt.dims else doubt)
         variables |= judged_difference(
-            name, of_reference, own.variable, total, 2.0 * floors.get(name, 0.0), f"minus that of {label}"
+            name, of_reference, own.variable, total, 2.0 * floors.get(name, 0.0), f"minus that of {dim} = {label}{unit}"
         )
     if OUTCOME in sweep:
         variables["outcome_differs"] = _outcome_differs(sweep, chosen)
