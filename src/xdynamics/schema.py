@@ -322,6 +322,14 @@ def label_of(dim: str) -> str:
     return f"{dim}_label"
 
 
+def name_of(dim: str) -> str:
+    """Name the names of what lies along a dimension of evidence, terms, parameters, runs; in memory they are its index.
+
+    Not of the cases of a ledger: which impacts a run has is known by marching alone, and a lazy one would have no index.
+    """
+    return f"{dim}_name" if dim != CASE else ""
+
+
 def logged_of(dim: str) -> str:
     """Name the dimension of those elements along another one that a log names."""
     return f"logged_{dim}"

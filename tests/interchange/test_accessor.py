@@ -164,3 +164,14 @@ def test_states_at_one_time_are_numbers(run: xr.Dataset) -> None:
         assert float(states.at_time) == 0.5
     for times in ([0.5], "0.5 s, 0.6 s", "0:1:3 s"):
         assert "at" in run.dynamics.at(times).dims
+
+
+def test_common_times_are_chosen_among_those_there_are() -> None:
+    """Assert that evidence gives what stands at a time, and refuses times that it has not and rules of runs."""
+    levels = xd.refine(BALL, method="rk4", steps=["0.1 s", "0.05 s", "0.025 s"], at=["0.5 s", "1 s"])
+    assert levels.dynamics.at("1 s").y.values.tolist() == levels.y.isel(at=1).values.tolist()
+    assert levels.dynamics.at([1.0, 0.5]).at_time.values.tolist() == [1.0, 0.5]
+    with pytest.raises(xd.InputError, match=r"there is no time 0\.7 here; at_time has 0\.5, 1\.0"):
+        levels.dynamics.at(0.7)
+    with pytest.raises(xd.InputError, match="side says how a run is sampled"):
+        levels.dynamics.at(0.5, side="before")

@@ -18,6 +18,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.archive.integrity import edited_variables, without_stale_units
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
+from xdynamics.record.folding import labelled
 
 WAYS: dict[str, Callable[[xr.Dataset, Path], xr.Dataset]] = {
     "marched": lambda run, _: run,
@@ -361,3 +362,38 @@ def test_figures_of_edited_numbers_have_no_unit_for_them() -> None:
     axes = xd.plot(run.assign(kinetic_energy=run.kinetic_energy / 1000), only="energy").axes[0]
     assert axes.get_ylabel() == "energy (J)"
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["potential", "total"]
+
+
+def test_terms_and_parameters_are_found_by_their_names(tmp_path: Path) -> None:
+    """Assert that names along a dimension of evidence select, in memory, in a file, and of what is still to be computed."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    budget = xd.error_budget(model, "t", event="ground")
+    xd.save(budget, tmp_path / "budget.nc")
+    lazy = xd.error_budget(model, "t", event="ground", compute=False)
+    opened = (xd.open_run(tmp_path / "budget.nc"), xr.open_dataset(tmp_path / "budget.nc", engine="xdynamics"))
+    where = budget.term_name.values.tolist().index("vt")
+    for found in (budget, *opened, lazy):
+        assert float(found.sel(term="vt").standard_uncertainty) == budget.standard_uncertainty.values[where]
+    with netCDF4.Dataset(tmp_path / "budget.nc") as file:
+        assert "term" not in file.variables
+        assert "term_name" in file.variables
+    assert opened[0].dynamics.table().columns[:2].tolist() == ["term_name", "term_kind"]
+    assert "term" not in opened[0].dynamics.table().columns
+    with pytest.raises(KeyError, match="not all values found in index 'term'"):
+        budget.sel(term="g_")
+
+
+def test_events_are_found_by_their_names(run: xr.Dataset) -> None:
+    """Assert that a name gives all events of the detector, and tables have the name."""
+    events = run.dynamics.events()
+    assert events.sel(event="floor").event_time.values.tolist() == run.event_time.values.tolist()
+    assert [*events.dynamics.frame("event").event_name] == ["floor"] * events.sizes["event"]
+
+
+def test_names_that_are_computed_later_are_no_labels_yet() -> None:
+    """Assert that a lazy Dataset, whose names come of its runs, has no index until it is loaded."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    budget = xd.error_budget(model, "t", event="ground", compute=False)
+    assert ("term" in budget.indexes) == (budget.term_name.chunks is None)
+    events = xd.simulate(model, method="dop853", rtol=1e-9).dynamics.events()
+    assert "event" not in labelled(events.drop_vars("event").chunk()).indexes

@@ -35,7 +35,7 @@ from xdynamics.march.root_methods import WAITING
 from xdynamics.march.tolerances import NO_FLOOR
 from xdynamics.model import Model, check_model
 from xdynamics.record.flag_words import in_prose, words_of
-from xdynamics.schema import EVIDENCE, PROVEN
+from xdynamics.schema import CASE, EVIDENCE, PROVEN
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import OF_DOUBT
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CERTIFICATE = "certificate"
-CASE = "case"
+
 RECORD = "record"  # the gate that nothing contradicts itself in the run's record
 Write = Callable[[float], str]
 DRAWS = 10_000

@@ -15,6 +15,7 @@ from xdynamics.documenting.summary import as_data
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.record.folding import is_repeated_label
 from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import AT, DIGESTS, EVIDENCE, ORIGIN, STEPS
 
@@ -71,7 +72,11 @@ def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:
         "attributes": {
             str(key): value for key, value in attributes.items() if key not in ("title", EVIDENCE, ORIGIN, DIGESTS)
         },
-        "variables": {str(name): _variable(variable) for name, variable in record.variables.items()},
+        "variables": {
+            name: _variable(variable)
+            for name, variable in ((str(key), one) for key, one in record.variables.items())
+            if not is_repeated_label(name, record)
+        },
     }
 
 

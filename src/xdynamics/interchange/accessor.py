@@ -8,6 +8,7 @@ import numpy as np
 
 from xdynamics.archive import digest_of_run, without_stale_units
 from xdynamics.documenting.summary import summary
+from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
@@ -17,11 +18,11 @@ from xdynamics.interchange.tables import frame, table
 from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.interchange.tree import states_on_side, tree
 from xdynamics.record import check_kind
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record.variable_attributes import without_bounds
-from xdynamics.schema import AT, EVENTS, KINEMATIC, STEPS
+from xdynamics.schema import AT, AT_TIME, EVENTS, KINEMATIC, STEPS
 from xdynamics.simulation.recorded_runs import model_of_run
 
 if TYPE_CHECKING:
@@ -73,11 +74,36 @@ class Dynamics:
     def at(self, times: Any, **how: Any) -> xr.Dataset:
         """Return the states at any times inside the run; see `xdynamics.sample`.
 
-        At one time, ``"1 s"`` or 1.0, each is one number; at ``[0.1, 0.2]`` or ``"0:20:201 s"`` they lie along `at`.
+        At one time, ``"1 s"`` or 1.0, each is one number; at ``[0.1, 0.2]`` or ``"0:20:201 s"`` they lie along `at`. Of
+        a refinement, a comparison, states at given times, what stands at these: nothing is interpolated.
+
+        Raises
+        ------
+        InputError
+            If a time lies outside the run, or is none of those that the Dataset has.
         """
-        states = self._in_kind(sample(self._run, times, **how))
+        values = (
+            self._common(times, how) if {AT, STEPS} & {*self._run.sizes} == {AT} else sample(self._run, times, **how)
+        )
+        states = self._in_kind(values)
         is_one = np.ndim(times) == 0 and not {":", ","} & {*str(times)}
         return states.isel({AT: 0}) if is_one else states
+
+    def _common(self, times: Any, how: Mapping[str, Any]) -> xr.Dataset:
+        """Return the rows of a Dataset at some of its common times."""
+        if how:
+            raise InputError(
+                f"{', '.join(how)} says how a run is sampled; this Dataset has its values at `at_time` alone"
+            )
+        there = np.asarray(self._run[AT_TIME].values)
+        if there.ndim != 1:
+            raise InputError("the times of this Dataset are of each member its own; select a member first")
+        wanted = wanted_times(times, time_unit(self._run))
+        rows = [np.flatnonzero(there == time) for time in wanted.tolist()]
+        if missing := [repr(time) for time, row in zip(wanted.tolist(), rows, strict=True) if not row.size]:
+            known = ", ".join(map(repr, there[:10].tolist())) + (" …" if there.size > 10 else "")
+            raise InputError(f"there is no time {', '.join(missing)} here; at_time has {known}")
+        return self._run.isel({AT: [int(row[0]) for row in rows]})
 
     def events(self, name: str | None = None) -> xr.Dataset:
         """Return the located events, or those of one name, with the states on both sides.

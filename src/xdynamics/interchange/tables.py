@@ -22,7 +22,7 @@ from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.interchange.tree import NODES, nodes_of
 from xdynamics.record.flag_words import words_of
-from xdynamics.record.folding import model_dimensions
+from xdynamics.record.folding import is_repeated_label, model_dimensions
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.files import file_above
 from xdynamics.schema import (
@@ -239,9 +239,9 @@ def _rank(name: str, variable: xr.Variable) -> int:
     role = str(variable.attrs.get("role"))
     if role in AHEAD:
         return AHEAD[role]
-    if name.endswith("_name") or name == "term_kind":
-        return len(AHEAD)
-    return len(AHEAD) + (2 if name.endswith(("_rule", "_text")) else 1)
+    if name.endswith(("_name", "term_kind")):
+        return len(AHEAD) + (0 if name.endswith("_name") else 1)
+    return len(AHEAD) + (3 if name.endswith(("_rule", "_text")) else 2)
 
 
 def _levels(study: xr.Dataset) -> Iterator[TableColumn]:
@@ -256,7 +256,8 @@ def _levels(study: xr.Dataset) -> Iterator[TableColumn]:
 def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None = None) -> Iterator[TableColumn]:
     """Yield a column for each number that a row has; without `names` of all variables that lie along the rows."""
     if names is None:
-        found = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
+        along = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
+        found = [name for name in along if not is_repeated_label(name, data)]
         if not rows:  # one member of a sweep
             found = [
                 str(name) for name, one in data.variables.items() if not (_is_parameter(one) or name in TEXT_NAMES)

@@ -24,6 +24,7 @@ from xdynamics.schema import (
     flags,
     label_of,
     logged_of,
+    name_of,
 )
 from xdynamics.shapes import Shapes
 
@@ -162,13 +163,26 @@ def check_elements(record: xr.Dataset, needed: Collection[str] = ()) -> None:
 
 
 def labelled(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a record with labels of dimensions as their indexes, as people select by them."""
+    """Return a record with labels of dimensions as their indexes, as people select by them.
+
+    Labels of a model's dimensions become the index; names of terms, parameters, runs stand in the file as in memory,
+    with the index beside them: ``budget.sel(term="vt")``. Names that are still to be computed are no labels yet.
+    """
     close = dataset._close  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     for dim in model_dimensions(dataset):
         if (name := label_of(dim)) in dataset.variables and name not in dataset.dims:
             dataset = dataset.drop_vars(name).assign_coords(_indexed(dim, dataset.variables[name]))
+    for dim in map(str, dataset.dims):
+        names = dataset.variables.get(name_of(dim))
+        if dim not in dataset.variables and names is not None and _are_labels(dim, names):
+            dataset = dataset.assign_coords(_indexed(dim, names))
     dataset.set_close(close)
     return dataset
+
+
+def _are_labels(dim: str, names: xr.Variable) -> bool:
+    """Whether names are texts along a dimension, and known without computing anything."""
+    return names.dims == (dim,) and names.dtype.kind in "UO" and not is_chunked(names)
 
 
 def _indexed(dim: str, labels: xr.Variable) -> xr.Coordinates:
@@ -182,7 +196,7 @@ def _indexed(dim: str, labels: xr.Variable) -> xr.Coordinates:
 
     values = _label_values(labels)
     index = PandasIndex(pd.Index(values), dim, coord_dtype=values.dtype)
-    variable = xr.Variable(labels.dims, values, labels.attrs, fastpath=True)
+    variable = xr.Variable(labels.dims, values, labels.attrs | {"role": LABEL}, fastpath=True)
     return xr.Coordinates._construct_direct(index.create_variables({dim: variable}), {dim: index})  # noqa: SLF001
 
 
@@ -192,10 +206,17 @@ def _label_values(labels: xr.Variable) -> Array:
     return values if values.dtype.kind == "i" else values.astype(str)
 
 
+def is_repeated_label(name: str, dataset: xr.Dataset) -> bool:
+    """Whether a variable is the index of names that stand in the Dataset as a variable of their own."""
+    return name_of(name) in dataset.variables and dataset.variables[name].attrs.get("role") == LABEL
+
+
 def unlabelled(dataset: xr.Dataset) -> xr.Dataset:
     """Return a record with labels as auxiliary coordinates, as a file has them."""
     import xarray as xr
 
+    if repeated := [name for name in map(str, dataset.coords) if is_repeated_label(name, dataset)]:
+        dataset = dataset.drop_vars(repeated)
     for dim in model_dimensions(dataset):
         if dim in dataset.variables and dataset.variables[dim].attrs.get("role") == LABEL:
             labels = dataset.variables[dim]
