@@ -29,6 +29,10 @@ run.where(…), groupby and concat meet numbers alone. run.model_toml.item() is 
                                     .csv, .md, .tex, and with xdynamics[tables] as .xlsx (of 16
                                     digits) and .parquet. run.dynamics.frame("event") has the names
                                     of the record
+  budget.sel(term="vt")             names are labels in memory: sel(parameter="k") of a fit,
+                                    sel(run="rk4") of a comparison, run.dynamics.events().sel(
+                                    event="apex"); of what has common times, .sel(at_time=1.0) or
+                                    .dynamics.at("1 s")
   run.dynamics.tree()               plain tables: /steps, /trials, /events with both one-sided
                                     states, /samples; xr.open_datatree("run.nc", engine="xdynamics")
   xr.open_dataset("run.nc", engine="xdynamics", group="events")   one of them
